@@ -488,3 +488,10 @@ def test_bug_times_under_another_name_contradicted_the_rate_without_a_word(tmp_p
     assert lost.startswith(
         "axis.csv: samples are lost: the column Time [s] lacks 3, the first after sample 99;"
     )
+
+
+def test_bug_a_struct_of_matlab_was_to_be_saved_as_a_vector(tmp_path):
+    savemat(tmp_path / "axis.mat", {"data": {"u": np.arange(9.0), "y": np.arange(9.0)}})
+    with pytest.raises(InputError, match="data does not hold real numbers") as caught:
+        read_record(tmp_path / "axis.mat", u="data", y="data", fs_hz=1000.0)
+    assert caught.value.hint == "save the fields of it as vectors: save('FILE.mat', '-struct', 'data')"

@@ -158,9 +158,9 @@ def read_mat(request):
     entries = {name: np.asarray(found[name]) for name in named if name in found}
     for name in request.arrays:
         if name in entries and entries[name].dtype.kind not in NUMBERS + "US":
-            raise Refused(
-                f"{name} does not hold real numbers", f"type {class_of[name]}", "save it as a vector"
-            )
+            fields = f"save the fields of it as vectors: save('FILE.mat', '-struct', '{name}')"
+            hint = fields if class_of[name] == "struct" else "save it as a vector"
+            raise Refused(f"{name} does not hold real numbers", f"type {class_of[name]}", hint)
     return entries, [name for name in shape_of if not name.startswith("__")]
 
 

@@ -120,7 +120,8 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
         _log.warning("%s: y is constant: nothing was measured", label)
     turn = turn_of(y, kept)
     if turn:
-        _log.info("%s: y gains %.4g %s in each period, which is left out", label, turn, record.y_unit)
+        gain = f"{turn:.4g} {record.y_unit}".rstrip()
+        _log.info("%s: y gains %s in each period, which is left out", label, gain)
         y = y - turn * ramp(kept, period)
     return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats, turn)
 
@@ -364,7 +365,8 @@ def _no_period(
             "fewer than two periods in the record",
             name,
             f"u repeats after {late[0]} of {n} samples",
-            f"measure at least {2 * late[0]} samples, and more for the settling",
+            f"measure at least {2 * late[0]} samples, and more for the settling; one period is enough for "
+            f"`gsid frf --lpm --period {late[0]}`",
         )
     best = max(scores, key=scores.get, default=None)
     value = (
