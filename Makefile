@@ -160,7 +160,8 @@ python/gsid/_gsid64.abi3.so: $(BUILD)/python/_gsid64.c $(HOST_LIB) $(BUILD)/doub
 python/gsid/_gsid32.abi3.so: $(BUILD)/python/_gsid32.c $(BUILD)/float/libgsid_effects.a $(BUILD)/float/libgsid_core.a
 	$(module) -lm
 
-$(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
+# types.h has the version.
+$(BUILD)/installed.stamp: pyproject.toml include/gsid/types.h $(VENV)/requirements.stamp
 	GSID_MODULES_OF_MAKE=1 $(PY) -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --no-index -e .
 	@touch $@
 

@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define GSID_VERSION "0.1.0"
+#define GSID_VERSION "0.2.0"
 
 #ifdef GSID_SINGLE
 typedef float gsid_real;

@@ -1,5 +1,6 @@
-"""make abi-check: a field in the middle of a public struct is not compatible."""
+"""make abi-check: what it calls compatible, and what not."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -19,12 +20,23 @@ def earlier(tmp_path) -> Path:
     return tmp_path
 
 
-def test_a_field_in_the_middle_of_a_struct_is_not_compatible(earlier):
-    header = earlier / "include/gsid/rational.h"
-    text = header.read_text()
-    assert "    gsid_real delay_s;" in text
-    header.write_text(text.replace("    gsid_real delay_s;", "    uint32_t n_other;\n    gsid_real delay_s;"))
+def changed(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_a_field_in_the_middle_of_a_struct_is_not_compatible_and_a_new_function_is(earlier):
+    """The core lost a field of a frame; the host library has one more function, and no frames."""
+    changed(
+        earlier / "include/gsid/link.h", "    uint32_t tick;", "    uint32_t n_other;\n    uint32_t tick;"
+    )
+    text = (earlier / "include/gsid/host/steady.h").read_text()
+    (declaration,) = re.findall(r"gsid_status gsid_steady_run_near\([^;]*;", text)
+    changed(earlier / "include/gsid/host/steady.h", declaration, "")
+    changed(earlier / "src/host/steady.c", "gsid_status gsid_steady_run_near(", "static gsid_status unused(")
     result = run("tools/abi_check", earlier, check=False)
     assert result.returncode == 1
     assert "n_other" in result.stdout
-    assert "libgsid_core: differs" in result.stdout
+    for library, state in (("core", "differs"), ("core_single", "differs"), ("host", "compatible")):
+        assert f"libgsid_{library}: {state}" in result.stdout
