@@ -58,3 +58,15 @@ def test_bug_a_fit_far_above_the_noise_was_printed_as_converged_without_a_word(g
     assert warning["p_value"] < 0.001
     assert warning["use"] == "another order, start or delay"
     assert "noise explains" in warning["text"]
+
+
+def test_bug_a_root_without_a_variance_was_known_exactly(gsid, noisy_csv, monkeypatch):
+    """+-0 beside zeros whose coefficients were all undetermined, as of swapped input and output."""
+    from gsid.models.rational import RationalModel
+
+    none = property(lambda model: np.zeros((len(model.poles), 2, 2)))
+    monkeypatch.setattr(RationalModel, "pole_cov", none)
+    result = gsid("fit", noisy_csv, "--order", "2/0")
+    (row,) = (line for line in result.out.splitlines() if line.startswith("pole"))
+    assert row.count("undetermined") == 2
+    assert "+-0 " not in row

@@ -253,7 +253,8 @@ def _roots(kind: str, model: RationalModel) -> list[list[str]]:
             root_quantities(root, cov, domain=model.domain, fs_hz=model.fs_hz) for cov in both
         )
         intervals = [
-            "undetermined" if f in anywhere else f"+-{NORMAL_95 * std:.2g}" for std in (*stds, *others)
+            "undetermined" if f in anywhere or std == 0 else f"+-{NORMAL_95 * std:.2g}"
+            for std in (*stds, *others)
         ]
         if model.cov_noise is None:
             intervals[2:] = ["", ""]

@@ -164,7 +164,12 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
         return []
     pairs = []
     zeros = [z for z in model.zeros if z.imag >= 0]
-    for pole in (p for p in model.poles if p.imag >= 0):
+    poles = [p for p in model.poles if p.imag >= 0]
+
+    def distance(pole: complex) -> float:
+        return min((abs(z - pole) for z in zeros), default=np.inf) / max(abs(pole), np.finfo(float).tiny)
+
+    for pole in sorted(poles, key=distance):  # a pole must not take the zero of a nearer one
         near = [z for z in zeros if abs(z - pole) < NEAR * abs(pole) and (z.imag > 0) == (pole.imag > 0)]
         if not near:
             continue
@@ -176,7 +181,7 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
         if d[:size] @ np.linalg.pinv(cov) @ d[:size] < special.chdtri(size, 1 - LEVEL):
             pairs.append((complex(pole), complex(zero)))
             zeros.remove(zero)
-    return pairs
+    return sorted(pairs, key=lambda pair: poles.index(pair[0]))
 
 
 def far_out(model: RationalModel) -> list[tuple[str, float]]:
