@@ -24,7 +24,12 @@ def test_an_interval_outside_the_record_is_an_error_with_its_length(gsid, rec_cs
     result = gsid("cut", rec_csv, "--from", "1e6", "-o", "part.csv")
     assert result.code == 3
     assert "the interval" in result.err
-    assert "hint: " in result.err
+    assert "hint: the record has 0 to" in result.err
+    empty = gsid("cut", rec_csv, "--from", "0.3", "--to", "0.3", "-o", "part.csv")
+    assert "the interval has no sample" in empty.err
+    assert "hint: the record has 0 to" in empty.err
+    past = gsid("cut", rec_csv, "--from", "1e6", "--to", "2e6", "-o", "part.csv")
+    assert "the interval is not in the record" in past.err
 
 
 def test_one_record_at_a_time(gsid, rec_csv):

@@ -44,7 +44,7 @@ def cut(record: Record, from_s: float = 0.0, to_s: float | None = None) -> Recor
     # Six digits of a sample: a time such as 0.07 s at 100 Hz is not one sample late by its rounding.
     first, last = (int(np.ceil(round(time * record.fs_hz, 6))) for time in (begin, end))
     if first >= last:
-        raise InputError("the interval has no sample", *where, "give the earlier time first")
+        raise InputError("the interval has no sample", *where, f"the record has 0 to {length:.6g} s")
     kept = slice(first, last)
     period = record.period_samples
     return replace(

@@ -61,6 +61,8 @@ def _not_shown(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
     measured = np.abs(data.g)
     if np.median(size[:, 0] / measured) > settings.body_size:
         return "the body cancels against another element"
+    if fitted.gains[0] == 0:
+        return "no body"
     share = np.abs(fitted.gains / fitted.gains[0])
     if structure.residual and share[-1] * data.lines.w[-1] ** 2 > settings.above_max:
         return "modes above the band are larger than the body"
