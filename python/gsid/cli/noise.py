@@ -91,7 +91,10 @@ def noise_values(n: Noise) -> dict:
         "psd_95": [low, high],
         "n_dof": n.n_dof,
         "tones": tones,
-        **{key: _or_null(getattr(n, key)) for key in (*keys, "n_samples", "n_lost", "fs_hz", "y_unit")},
+        **{
+            key: _or_null(getattr(n, key))
+            for key in (*keys, "n_samples", "n_lost", "fs_hz", "refresh_hz", "y_unit")
+        },
         "sentence": n.sentence,
         "level": n.drift_words,
     }

@@ -22,6 +22,8 @@ from gsid.base.json_files import read_json
 from gsid.base.plottable import Plottable
 from gsid.records.periods import find_period, split_periods
 from gsid.records.record import Record, check_range
+from gsid.records.refresh import refresh_rate_hz
+from gsid.spectrum.images import mark_images
 from gsid.spectrum.tones import Tone, find_tones, n_subtracted
 
 _log = logging.getLogger(__name__)
@@ -64,6 +66,8 @@ class Noise(Plottable):
     n_samples, n_lost : int
     fs_hz : float
     y_unit, name : str
+    refresh_hz : float
+        Rate at which the sensor of y is refreshed [Hz]; 0: its values do not repeat.
     """
 
     f_hz: np.ndarray
@@ -85,6 +89,7 @@ class Noise(Plottable):
     fs_hz: float
     y_unit: str = ""
     name: str = ""
+    refresh_hz: float = 0.0
 
     def interval(self, level: float = 0.95) -> np.ndarray:
         """Confidence interval of the density at each line.
@@ -179,10 +184,14 @@ class Noise(Plottable):
         rms = f"rms {np.sqrt(self.variance):.4g}{unit}"
         if not self.tones:
             return f"No periodic disturbance (at a false-alarm rate of {self.alpha:g}); {rms}."
-        named = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in self.tones[:NAMED])
-        more = f" and {len(self.tones) - NAMED} more" if len(self.tones) > NAMED else ""
+        own = [tone for tone in self.tones if not tone.image_of_hz]
+        named = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in own[:NAMED])
+        more = f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
+        n_images = len(self.tones) - len(own)
+        of_them = f", and {n_images} of their images at the sensor's refresh rate of {self.refresh_hz:.5g} Hz"
         rest = f"{rms}, {np.sqrt(self.variance_rest):.4g}{unit} without"
-        return f"Periodic: {named}{more} (false-alarm rate {self.alpha:g}); {rest}."
+        images = of_them if n_images else ""
+        return f"Periodic: {named}{more}{images} (false-alarm rate {self.alpha:g}); {rest}."
 
     def __repr__(self) -> str:
         length = f"{self.n_samples} samples at {self.fs_hz:g} Hz"
@@ -211,7 +220,7 @@ def noise(
     Returns
     -------
     Noise
-        NOI-1 to NOI-4.
+        NOI-1 to NOI-5.
 
     Raises
     ------
@@ -237,6 +246,8 @@ def noise(
         raise InputError("the period is too short for a spectrum", record.name, f"{segment} samples", hint)
     y = y - turn * np.arange(len(y)) / segment if turn else y
     tones, rest = find_tones(y, record.fs_hz, valid=valid, period=period_samples, alpha=alpha)
+    refresh_hz = refresh_rate_hz(record) or 0.0
+    tones = mark_images(tones, refresh_hz, record.fs_hz, record.fs_hz / len(y))
     tones = [_from_first_sample(tone, part.start / record.fs_hz) for tone in tones]
     f_hz, psd, n_dof = spectrum(rest, record.fs_hz, valid, segment)
     n_valid = np.count_nonzero(valid)
@@ -265,6 +276,7 @@ def noise(
         fs_hz=record.fs_hz,
         y_unit=record.y_unit,
         name=record.name,
+        refresh_hz=refresh_hz,
     )
 
 

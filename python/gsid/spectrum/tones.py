@@ -49,6 +49,8 @@ class Tone:
         Probability that noise alone shows such a peak anywhere in the record (NOI-1).
     order, base_hz : int, float
         The frequency is `order` times `base_hz`, the frequency of another disturbance. Order 1: no harmonic.
+    image_of_hz : float
+        Frequency of the disturbance whose image this is, behind a sensor with a refresh rate; 0: of none.
     """
 
     f_hz: float
@@ -59,11 +61,14 @@ class Tone:
     p_value: float
     order: int = 1
     base_hz: float = 0.0
+    image_of_hz: float = 0.0
 
     @property
     def name(self) -> str:
-        """The frequency as text, for example "61.8 Hz (2 x 30.9 Hz)"."""
+        """The frequency as text, for example "61.8 Hz (2 x 30.9 Hz)" or "369.1 Hz (image of 30.9 Hz)"."""
         text = f"{_digits(self.f_hz, self.std_f_hz)} Hz"
+        if self.image_of_hz:
+            return f"{text} (image of {_digits(self.image_of_hz, self.std_f_hz)} Hz)"
         return (
             text if self.order == 1 else f"{text} ({self.order} x {_digits(self.base_hz, self.std_f_hz)} Hz)"
         )
