@@ -5,6 +5,7 @@ from dataclasses import replace
 import axes
 import numpy as np
 import pytest
+from scipy.signal import max_len_seq
 
 import gsid
 from gsid.structure.elements import Structure, Values
@@ -135,3 +136,27 @@ def test_start_reports_the_friction_that_decided():
     (text,) = [text for text in found.assumed if DECIDED in text]
     assert float(text.split()[3]) == pytest.approx(LEVEL, rel=0.05)
     assert text.split()[4] == "A"
+
+
+def test_bug_a_period_of_odd_length_with_all_lines_excited_was_an_internal_error():
+    """A pseudo-random binary sequence of 1023 samples: its line 511 is below half of the sample rate."""
+    n, fs_hz = 1023, 1000.0
+    rng = np.random.default_rng([SEED, 1])
+    line = np.arange(1, n // 2 + 1)
+    s = 2j * np.pi * line * fs_hz / n
+    command = 2.0 * max_len_seq(10)[0] - 1.0
+    lines = np.zeros(n // 2 + 1, complex)
+    lines[line] = np.fft.rfft(command)[line] * np.exp(-2e-3 * s) / ((s + 30.0) * (1 + 1.2e-3 * s))
+    y = np.tile(np.fft.irfft(lines, n), 6)
+    y += 0.02 * y.std() * rng.standard_normal(len(y))
+    record = gsid.Record(np.tile(command, 6), y, fs_hz, n, 0, hold="none", y_unit="deg/s")
+    source = measurement([record], None, None, None, None)
+    measured = source.total_variance()
+    assert measured.line[-1] == n // 2
+    found = select(measured, "none", ("rate",))
+    theta = found.chosen.fitted.values.theta
+    sprung = Values(Structure("rate", "sprung", 0, 1, False), np.insert(theta, 1, 0.0))
+    rival = Candidate(refine(sprung, found.data), found.chosen.score + 1, "")
+    found = replace(found, likely=[found.chosen, rival])
+    assert len(rivals(found)) == 2
+    assert with_friction(found, measured, source).chosen.structure.body == "viscous"

@@ -232,7 +232,7 @@ class _Record:
         cls, part: Realisation, measured: TotalVariance, held: bool, settings: StructureSettings
     ) -> _Record:
         n_period, fs_hz = part.period_samples, part.fs_hz
-        top = min(math.ceil(settings.motion_band * measured.line[-1]), n_period // 2 - 1)
+        top = min(math.ceil(settings.motion_band * measured.line[-1]), (n_period - 1) // 2)
         line = np.arange(1, top + 1)
         each = part.output(line)
         n = next_fast_len(math.ceil(settings.motion_samples * top), real=True)

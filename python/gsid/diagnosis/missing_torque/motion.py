@@ -80,7 +80,7 @@ def motions(problem: Problem, part: LinearPart) -> list[Motion]:
 
 
 def _lines_of_motion(problem: Problem, r: Lines) -> np.ndarray:
-    top = min(math.ceil(problem.settings.motion_band * r.line[-1]), r.spectra.period_samples // 2 - 1)
+    top = min(math.ceil(problem.settings.motion_band * r.line[-1]), (r.spectra.period_samples - 1) // 2)
     return np.arange(1, top + 1)
 
 
