@@ -27,6 +27,7 @@ from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import ALPHA, Run
 from gsid.diagnosis.from_records.seek_play import seek_play
 from gsid.diagnosis.from_records.seek_stop import seek_stop
+from gsid.diagnosis.from_records.series_check import check_series
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.from_records.steps import BEFORE_FITS, Steps
 from gsid.diagnosis.from_records.summary import summarised
@@ -123,6 +124,7 @@ def diagnose_records(
                         rounds = Rounds(run)
                         rounds.run()
                         check_hold(rounds)
+                        check_series(rounds)
                     if rounds is None or len(rounds.kept) + len(rounds.near) <= 1:
                         weigh_model_error(run)
         except KeyboardInterrupt:

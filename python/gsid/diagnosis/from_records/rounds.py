@@ -56,6 +56,8 @@ class Rounds:
         One for each effect that is missing beside them, but is only the nearest.
     joint : Simulated or None
         The fit with the nearest effects as well; None if there are none.
+    has_series : bool
+        Whether an effect is only the nearest because too many copies of it are needed.
     """
 
     def __init__(self, first: Run) -> None:
@@ -63,6 +65,7 @@ class Rounds:
         self.kept: list[Run] = [first] if first.decision.verdict == MISSING else []
         self.near: list[Run] = []
         self.joint: Simulated | None = None
+        self.has_series = False
 
     @property
     def final(self) -> Simulated | None:

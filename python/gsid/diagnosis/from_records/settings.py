@@ -86,6 +86,11 @@ class DecisionSettings:
     adequate : float
         Cost per degree of freedom up to which only noise is left, set on the development trials. The noise is
         estimated from few periods, so that a complete model may leave more than 1.
+    copies_most : int
+        Copies of one linear effect that may be named together, beside those of the given model. A delay that
+        the catalogue lacked was called a missing mode after three of them.
+    p_copies : float
+        p-value of what two copies leave, below which they are the nearest: they may be the begin of a series.
     null_gain : float
         Drop of the cost that any law needs beside ln n per parameter, by simulation. Over its steps or cycles
         a law has thousands of shapes: among 100 nulls the best one reached 13, 16 and 20.
@@ -160,6 +165,8 @@ class DecisionSettings:
     p_least: float = 1e-4
     p_left: float = 1e-3
     adequate: float = 1.15
+    copies_most: int = 2
+    p_copies: float = 0.01
     null_gain: float = 25.0
     null_cost: float = 1.1
     null_spread: float = 3.0

@@ -54,7 +54,8 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
     found_model = final.model if kept and final else _law_model(run)
     law_model = joint.model if joint else found_model
     found = [one.decision.effects for one in kept] or _found(run)
-    basis = _basis(shown) if len(kept) + len(near) < 2 else None
+    is_one = len(kept) + len(near) < 2 and not (rounds and rounds.has_series)
+    basis = _basis(shown) if is_one else None
     known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
     ranking = _ranking(shown)
     return Diagnosis(
