@@ -511,7 +511,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if args.picture:
         parts = (reliability.FIRST, reliability.NONE)
         reliability.draw(
-            {f"probability of the {of}": reliability.pairs(rows, of) for of in parts}, args.picture
+            {f"probability of {of}": reliability.pairs(rows, of) for of in parts}, args.picture
         )
     if args.page:
         put_into(args.page, text, TARGET)

@@ -152,7 +152,7 @@ def draw(some: dict[str, Sequence[Pair]], path: Path) -> None:
     """
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, len(some), figsize=(4.2 * len(some), 4.2), layout="constrained")
+    figure, axes = plt.subplots(1, len(some), figsize=(4.2 * len(some), 4.5), layout="constrained")
     for ax, (title, each) in zip(np.atleast_1d(axes), some.items(), strict=True):
         ax.plot([0, 1], [0, 1], color="0.7", linewidth=1)
         used = [one for one in bins(each) if one["n"]]
