@@ -510,9 +510,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text)
     if args.picture:
         parts = (reliability.FIRST, reliability.NONE)
-        reliability.draw(
-            {f"probability of {of}": reliability.pairs(rows, of) for of in parts}, args.picture
-        )
+        reliability.draw({f"probability of {of}": reliability.pairs(rows, of) for of in parts}, args.picture)
     if args.page:
         put_into(args.page, text, TARGET)
 
