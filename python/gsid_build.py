@@ -26,10 +26,11 @@ UMBRELLA = {"64": "gsid/host.h", "32": "gsid/gsid.h"}
 VERSION = re.search(r'#define GSID_VERSION "(.*)"', (INCLUDE / "gsid/types.h").read_text())[1]
 
 
-# Written in Python (python/gsid/_lib.py), for builds without FFTW.
+# Written in Python (python/gsid/_lib.py): transforms for builds without FFTW, and the threads of a fit.
 CALLBACKS = """
 extern "Python" void gsid_python_to_lines(uint32_t, const double *, gsid_cplx *);
 extern "Python" void gsid_python_to_samples(uint32_t, const gsid_cplx *, double *);
+extern "Python" int gsid_python_each(void *, uint32_t, void (*)(void *, uint32_t), void *);
 """
 
 

@@ -33,6 +33,12 @@ def gsid_python_to_samples(n, lines, x) -> None:
     np.frombuffer(ffi.buffer(x, 8 * n))[:] = np.fft.irfft(spectrum, n, norm="forward")
 
 
+@ffi.def_extern(error=1)
+def gsid_python_each(user, n, work, of_work) -> int:
+    """Run work(of_work, i) for each i (`gsid_each`), by the function whose handle `user` is."""
+    return ffi.from_handle(user)(n, lambda i: work(of_work, i))
+
+
 def use_numpy_transforms(use: bool = True) -> None:
     """Let the C library transform with numpy instead of what it was built with, or no longer."""
     functions = (lib.gsid_python_to_lines, lib.gsid_python_to_samples)

@@ -71,8 +71,8 @@ static gsid_status check_record(const gsid_plant_fit_cfg *cfg, const gsid_plant_
             return GSID_E_NULL;
         }
     }
-    if (record->n_lines == 0 || !(record->n_periods >= 1) || !(record->dof > 2) ||
-        !is_same_stack(&cfg->record[0].input.plant, plant)) {
+    if (record->n_lines == 0 || record->n_lines > record->input.n_period / 2 + 1 || !(record->n_periods >= 1) ||
+        !(record->dof > 2) || !is_same_stack(&cfg->record[0].input.plant, plant)) {
         return GSID_E_CONFIG;
     }
     return check_lines(record);
@@ -101,9 +101,10 @@ static gsid_status check(const gsid_plant_fit_cfg *cfg, const gsid_plant_fit_res
         }
     }
     const uint32_t n = gsid_plant_fit_n(cfg);
+    const uint32_t n_of_record = cfg->record[0].input.plant.n_free + (cfg->has_drift ? 1 : 0);
     const int is_known = (cfg->method == GSID_PLANT_FIT_ML || cfg->method == GSID_PLANT_FIT_NLS_OUTPUT) &&
                          (cfg->solver == GSID_SOLVER_GAUSS_NEWTON || cfg->solver == GSID_SOLVER_NLOPT);
-    if (n == 0 || n > GSID_LSQ_COLUMNS_MAX || cfg->n_max == 0 || !is_known) {
+    if (n == 0 || n > GSID_LSQ_COLUMNS_MAX || n_of_record >= GSID_LSQ_COLUMNS_MAX || cfg->n_max == 0 || !is_known) {
         return GSID_E_CONFIG;
     }
     return n_residuals(cfg) <= n ? GSID_E_TOO_FEW : GSID_OK;

@@ -224,6 +224,9 @@ static void simulate(void *of_work, uint32_t record) {
 
 static gsid_status simulate_all(problem *p) {
     const uint32_t n = p->cfg->n_records;
+    for (uint32_t r = 0; r < n; r++) {
+        p->part[r].status = GSID_E_STATE; /* should the caller leave one out */
+    }
     if (p->cfg->each != NULL) {
         if (p->cfg->each(p->cfg->user, n, simulate, p) != 0) {
             return GSID_E_STOPPED;

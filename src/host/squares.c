@@ -1,5 +1,6 @@
 #include "gsid/host/squares.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -178,7 +179,7 @@ static gsid_status descend(search *s, damping_rule *d) {
         }
         d->value *= d->growth;
         d->growth *= 2;
-        if (d->value > s->how->damping_max) {
+        if (!(d->value <= s->how->damping_max)) {
             return GSID_MAX_ITER;
         }
     }
@@ -287,12 +288,20 @@ static double *lay_out(search *s) {
     return memory;
 }
 
+/* With others the search could go on for ever. */
+static int are_usable(const gsid_squares_settings *s) {
+    return s->decrease >= 0 && s->singular >= 0 && s->singular <= 1 && s->damping_start > 0 &&
+           s->damping_max >= s->damping_start && isfinite(s->damping_max) && s->damping_fall > 0 &&
+           s->damping_fall <= 1 && s->damping_growth > 1 && isfinite(s->damping_growth) && s->stalled >= 0 &&
+           s->failed_cost > 0;
+}
+
 static gsid_status check(const gsid_squares *problem, const gsid_squares_settings *settings, const double *x) {
     if (problem == NULL || settings == NULL || x == NULL || problem->lower == NULL || problem->upper == NULL ||
         problem->at == NULL) {
         return GSID_E_NULL;
     }
-    if (problem->n == 0 || problem->n > GSID_LSQ_COLUMNS_MAX) {
+    if (problem->n == 0 || problem->n > GSID_LSQ_COLUMNS_MAX || !are_usable(settings)) {
         return GSID_E_CONFIG;
     }
     for (uint32_t j = 0; j < problem->n; j++) {
@@ -320,6 +329,10 @@ static gsid_status run(search *s, gsid_solver solver, uint32_t n_max, gsid_squar
 gsid_status gsid_squares_search(const gsid_squares *problem, const gsid_squares_settings *settings, gsid_solver solver,
                                 uint32_t n_max, double *x, uint8_t *blocked, gsid_squares_result *result) {
     gsid_status status = result == NULL ? GSID_E_NULL : check(problem, settings, x);
+    if (status == GSID_OK &&
+        (n_max == 0 || n_max > INT_MAX || (solver != GSID_SOLVER_GAUSS_NEWTON && solver != GSID_SOLVER_NLOPT))) {
+        status = GSID_E_CONFIG;
+    }
     if (status != GSID_OK) {
         return status;
     }

@@ -10,6 +10,7 @@ struct gsid_steady {
     gsid_plant plant;
     void *memory, *kept; /* of the plant; kept: NULL before the first gsid_steady_keep */
     size_t size;
+    int is_found; /* the memory has the state of a search that ended */
     double *fine; /* [3 + n_free][steps] outputs at the steps of the input; NULL: one step a sample */
 };
 
@@ -23,8 +24,8 @@ static gsid_status check(const gsid_steady_cfg *cfg) {
     if (cfg->u == NULL || cfg->plant.item == NULL || (cfg->plant.n_free > 0 && cfg->plant.free_parameter == NULL)) {
         return GSID_E_NULL;
     }
-    if (cfg->n_period == 0 || cfg->oversampling == 0 || n_steps(cfg) > UINT32_MAX || cfg->plant.n_items == 0 ||
-        !(cfg->tolerance >= 0)) {
+    if (cfg->n_period == 0 || cfg->oversampling == 0 || (uint64_t)cfg->n_period * cfg->oversampling > UINT32_MAX ||
+        cfg->plant.n_items == 0 || !(cfg->tolerance >= 0)) {
         return GSID_E_CONFIG;
     }
     for (uint32_t i = 0; i < cfg->plant.n_free; i++) {
@@ -81,6 +82,7 @@ void gsid_steady_destroy(gsid_steady *steady) {
 static gsid_status lay_out(gsid_steady *s) {
     const size_t size = gsid_plant_mem_size(&s->cfg.plant);
     free(s->memory);
+    s->plant = (gsid_plant){.layout = NULL};
     s->size = size;
     s->memory = malloc(size > 0 ? size : 1);
     if (s->memory == NULL) {
@@ -98,6 +100,7 @@ static gsid_status lay_out(gsid_steady *s) {
 }
 
 static gsid_status enter(gsid_steady *s, const double *value) {
+    s->is_found = 0;
     for (uint32_t i = 0; i < s->cfg.plant.n_free && value != NULL; i++) {
         const gsid_plant_free *one = &s->cfg.plant.free_parameter[i];
         s->item[one->item].value[one->parameter] = value[i];
@@ -113,7 +116,7 @@ gsid_status gsid_steady_keep(gsid_steady *steady) {
     if (steady == NULL) {
         return GSID_E_NULL;
     }
-    if (steady->memory == NULL) {
+    if (!steady->is_found) {
         return GSID_E_STATE;
     }
     if (steady->kept == NULL) {
@@ -169,6 +172,7 @@ static gsid_status search(gsid_steady *s, uint32_t n_settle, uint32_t n_newton, 
             sample(s, fine_dy + i * n, dy + (size_t)i * s->cfg.n_period);
         }
     }
+    s->is_found = 1;
     const double enough = fmax(GSID_STEADY_RESIDUAL * rms(s->cfg.n_period, answer->y), s->cfg.tolerance);
     answer->is_settled = status == GSID_OK || answer->residual <= enough;
     return GSID_OK;

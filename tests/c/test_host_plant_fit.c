@@ -305,6 +305,83 @@ static void wrong_arguments_are_refused(void **state) {
     assert_true(x[0] == -7);
 }
 
+/* A bug: settings of zeros, or a first damping of 0, let the search go on for ever. */
+static void settings_with_which_a_search_does_not_end_are_refused(void **state) {
+    (void)state;
+    gsid_plant_fit_result result = {.x = x, .cov = cov, .is_open = is_open, .is_at_bound = is_at_bound};
+    for (int i = 0; i < 8; i++) {
+        gsid_plant_fit_cfg cfg = usual();
+        gsid_squares_settings *search = &cfg.settings.search;
+        switch (i) {
+        case 0:
+            memset(&cfg.settings, 0, sizeof cfg.settings);
+            break;
+        case 1:
+            search->damping_start = 0;
+            break;
+        case 2:
+            search->damping_max = INFINITY;
+            break;
+        case 3:
+            search->damping_max = NAN;
+            break;
+        case 4:
+            search->damping_growth = 1;
+            break;
+        case 5:
+            search->damping_fall = 0;
+            break;
+        case 6:
+            search->singular = 1.5;
+            break;
+        default:
+            cfg.n_max = UINT32_MAX;
+        }
+        assert_int_equal(gsid_plant_fit(&cfg, &result), GSID_E_CONFIG);
+    }
+}
+
+/* A bug: the memory of a refused plant was kept, and used after it was freed. */
+static void only_what_was_found_is_kept(void **state) {
+    (void)state;
+    static double out[3][N];
+    double value[ITEMS];
+    gsid_steady_answer answer = {.y = out[0], .angle = out[1], .rate = out[2]};
+    gsid_steady *steady;
+    assert_int_equal(gsid_steady_create(&record[0].input, &steady), GSID_OK);
+    assert_int_equal(gsid_steady_keep(steady), GSID_E_STATE);
+    for (int i = 0; i < 2; i++) {
+        memcpy(value, truth, sizeof value);
+        assert_int_equal(gsid_steady_run(steady, value, 1, &answer), GSID_OK);
+        assert_true(answer.is_settled);
+        value[3] = 1; /* a delay of 1 s */
+        assert_int_equal(gsid_steady_run(steady, value, 1, &answer), GSID_E_CONFIG);
+        assert_int_equal(gsid_steady_keep(steady), GSID_E_STATE);
+    }
+    assert_int_equal(gsid_steady_run(steady, truth, 1, &answer), GSID_OK);
+    assert_int_equal(gsid_steady_keep(steady), GSID_OK);
+    const double first = out[0][7];
+    assert_int_equal(gsid_steady_run(steady, value, 1, &answer), GSID_E_CONFIG);
+    assert_int_equal(gsid_steady_run(steady, truth, 1, &answer), GSID_OK);
+    assert_true(fabs(out[0][7] - first) < 1e-6 * (1 + fabs(first)));
+    gsid_steady_destroy(steady);
+}
+
+static int leave_one_out(void *user, uint32_t n, void (*work)(void *of_work, uint32_t i), void *of_work) {
+    (void)user;
+    (void)n;
+    work(of_work, 0);
+    return 0;
+}
+
+static void a_record_that_the_caller_leaves_out_is_noticed(void **state) {
+    (void)state;
+    gsid_plant_fit_result result = {.x = x, .cov = cov, .is_open = is_open, .is_at_bound = is_at_bound};
+    gsid_plant_fit_cfg cfg = usual();
+    cfg.each = leave_one_out;
+    assert_int_equal(gsid_plant_fit(&cfg, &result), GSID_E_STATE);
+}
+
 static void a_start_that_cannot_be_simulated_tells_why(void **state) {
     (void)state;
     gsid_plant_fit_result result = {.x = x, .cov = cov, .is_open = is_open, .is_at_bound = is_at_bound};
@@ -322,6 +399,9 @@ int main(void) {
         cmocka_unit_test(a_fit_that_is_stopped_has_the_best_values_so_far),
         cmocka_unit_test(rows_and_outputs_are_those_of_the_answer),
         cmocka_unit_test(wrong_arguments_are_refused),
+        cmocka_unit_test(settings_with_which_a_search_does_not_end_are_refused),
+        cmocka_unit_test(only_what_was_found_is_kept),
+        cmocka_unit_test(a_record_that_the_caller_leaves_out_is_noticed),
         cmocka_unit_test(a_start_that_cannot_be_simulated_tells_why),
     };
     return cmocka_run_group_tests(tests, set_up, NULL);

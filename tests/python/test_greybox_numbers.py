@@ -126,6 +126,12 @@ def test_too_few_lines_are_reported_with_the_first_record():
     assert (refused.value.where, refused.value.value) == ("axis", "4 numbers")
 
 
+def test_more_unknowns_than_the_library_takes_are_refused():
+    """600 records with a stiffness and a drift of their own; it was called a delay that is too long."""
+    with pytest.raises(ValueError, match="1202 unknowns of 600 records are more than 1024"):
+        problem_of([measured()] * 600, per_record=("cable_spring.stiffness", "drift"), stack=AXIS)
+
+
 def test_the_default_band_of_a_loop_of_the_angle_begins_at_0_hz():
     """Reference and angle have a common zero there, and nowhere else."""
     s = measured()

@@ -30,7 +30,8 @@ CALLED_WITHIN = {
     "gsid_steady_keep": "gsid_plant_fit",
     "gsid_steady_run_near": "gsid_steady_run",
 }
-CALLED_BY_C = {"gsid_python_to_lines", "gsid_python_to_samples"}  # functions in Python, not of the library
+# Functions in Python, not of the library.
+CALLED_BY_C = {"gsid_python_to_lines", "gsid_python_to_samples", "gsid_python_each"}
 
 
 def run(script, *arguments, seconds):

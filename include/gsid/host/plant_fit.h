@@ -28,8 +28,8 @@ typedef enum {
 
 typedef struct {
     gsid_squares_settings search;
-    double settled;     /* change of a simulated steady state per period at which it stops, over the noise of the mean */
-    double unsettled;   /* larger changes are reported, over the noise of the mean */
+    double settled;     /* change of a simulated steady state per period at which it stops, over the rms noise of the mean in time */
+    double unsettled;   /* larger changes are reported, over the same noise */
     double noise_floor; /* least standard deviation of a line of one period, over the largest line */
     double silent;      /* a parameter is held if a change by its size changes all residuals together by less */
     double involved;    /* no standard deviation: a larger component of the parameter is in a held direction */
@@ -73,11 +73,11 @@ typedef struct {
     double *x;             /* [n] unknowns */
     double *cov;           /* [n][n] their covariance, without directions that the data do not determine (GBX-5) */
     uint8_t *is_open;      /* [n] 1: such a direction has a relevant part of it: its variance is unknown */
-    uint8_t *is_at_bound;  /* [n] 1: at a bound, and the cost falls beyond it */
+    uint8_t *is_at_bound;  /* [n] 1: at a bound, and the criterion of the method falls beyond it */
     gsid_plant_fit_at *at; /* [n_records] or NULL */
     double cost;           /* squared length of the residuals, weighted by the noise: -2 log likelihood */
     double n_dof;          /* residuals less unknowns that were determined: the cost is so large if only noise is left */
-    int converged;
+    int converged;         /* of the method's criterion */
     uint32_t n_iterations;
 } gsid_plant_fit_result;
 
@@ -88,7 +88,7 @@ uint32_t gsid_plant_fit_n(const gsid_plant_fit_cfg *cfg);
  *  @param[in,out] result  the caller's arrays
  *  @return GSID_OK, whether converged or not; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_TOO_FEW no more lines than
  *          unknowns; GSID_E_STOPPED before the start was simulated; GSID_E_BACKEND; GSID_E_NO_MEMORY; otherwise why the start
- *          cannot be simulated, as gsid_steady_run. The outputs are untouched, but for result->at
+ *          cannot be simulated, as gsid_steady_run; GSID_E_SINGULAR NLopt failed. The outputs are untouched then
  *  Memory: two copies of the rows and of the simulated outputs and sensitivities, freed at the end.
  *  Cost: of each iteration, one gsid_plant_periodic for each record, with sensitivities.  Context: any thread. */
 gsid_status gsid_plant_fit(const gsid_plant_fit_cfg *cfg, gsid_plant_fit_result *result);

@@ -24,12 +24,12 @@ typedef struct {
 } gsid_squares;
 
 typedef struct {
-    double decrease;       /* converged where a full step is predicted to lower the cost by less */
-    double singular;       /* directions with smaller singular values, over the largest, are held */
-    double damping_start;  /* first damping, over the squared length of a column */
-    double damping_max;    /* the search ends where a step with this damping does not lower the cost */
-    double damping_fall;   /* least factor of the damping after a step that lowers the cost */
-    double damping_growth; /* first factor after one that does not; it doubles each time (Nielsen 1999) */
+    double decrease;       /* converged where a full step is predicted to lower the cost by less; >= 0 */
+    double singular;       /* directions with smaller singular values, over the largest, are held; 0 .. 1 */
+    double damping_start;  /* first damping, over the squared length of a column; > 0 */
+    double damping_max;    /* the search ends where a step with this damping does not lower the cost; finite */
+    double damping_fall;   /* least factor of the damping after a step that lowers the cost; above 0, at most 1 */
+    double damping_growth; /* first factor after one that does not, > 1; it doubles each time (Nielsen 1999) */
     double stalled;        /* converged at damping_max where the predicted decrease, over the cost, is below this */
     double failed_cost;    /* for GSID_SOLVER_NLOPT: cost, over that of the start, of points that cannot be evaluated */
 } gsid_squares_settings;
@@ -46,12 +46,12 @@ gsid_status gsid_squares_defaults(gsid_squares_settings *settings);
 
 /** Search for the least cost from x: steps of Levenberg and Marquardt with Marquardt's scaling and Nielsen's rule for the damping, or
  *  NLopt's sequential quadratic programming in scaled unknowns.  Eq: GBX-2
- *  @param[in]     n_max    steps, or evaluations, at most
+ *  @param[in]     n_max    steps, or evaluations, at most; 1 .. INT_MAX
  *  @param[in,out] x        [n] start; the best point. Steps end within the bounds, also from a start that is not
  *  @param[out]    blocked  [n] 1: at a bound, and the cost falls beyond it; or NULL
  *  @return GSID_OK, whether converged or not; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE a start; GSID_E_NO_MEMORY; GSID_E_BACKEND
- *          without NLopt; what the start's evaluation returned: outputs untouched
- *  Memory: some 6 n^2 numbers, freed at the end.  Context: any thread. */
+ *          without NLopt; GSID_E_SINGULAR NLopt failed; what the start's evaluation returned: outputs untouched
+ *  Memory: some 4 n^2 numbers, freed at the end.  Context: any thread. */
 gsid_status gsid_squares_search(const gsid_squares *problem, const gsid_squares_settings *settings, gsid_solver solver,
                                 uint32_t n_max, double *x, uint8_t *blocked, gsid_squares_result *result);
 

@@ -47,7 +47,7 @@ void gsid_steady_destroy(gsid_steady *steady);
  *  @param[in]     is_patient  1: simulate GSID_STEADY_SETTLE_LONGER periods and try again where Newton's method has not converged
  *  @param[in,out] answer      the caller's arrays
  *  @return GSID_OK, also where it has not settled: see is_settled; GSID_E_NULL; otherwise as gsid_plant_init and
- *          gsid_plant_periodic: the outputs are undefined
+ *          gsid_plant_start_linear, gsid_plant_place and gsid_plant_periodic: the outputs are undefined, and what was kept stays
  *  Context: background; different objects in different threads. */
 gsid_status gsid_steady_run(gsid_steady *steady, const double *value, int is_patient, gsid_steady_answer *answer);
 
@@ -55,7 +55,7 @@ gsid_status gsid_steady_run(gsid_steady *steady, const double *value, int is_pat
 gsid_status gsid_steady_run_near(gsid_steady *steady, const double *value, gsid_steady_answer *answer);
 
 /** Begin the next searches at the result of the last one, so that rejected steps have no influence.
- *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE nothing was found yet; GSID_E_NO_MEMORY */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE the last search failed, or there was none; GSID_E_NO_MEMORY */
 gsid_status gsid_steady_keep(gsid_steady *steady);
 
 #ifdef __cplusplus

@@ -479,7 +479,7 @@ def _with_result(problem: Problem, minimum: Minimum) -> PlantModel:
 
 
 def _is_undetermined(problem: Problem, minimum: Minimum) -> np.ndarray:
-    return minimum.is_open | (np.sqrt(np.diag(minimum.cov)) > problem.sizes(minimum.x))
+    return minimum.is_open | ~(np.sqrt(np.diag(minimum.cov)) <= problem.sizes(minimum.x))
 
 
 def _named(problem: Problem, chosen: np.ndarray) -> list[str]:

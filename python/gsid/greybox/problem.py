@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ DRIFT = "drift"
 SOLVERS = {"lm": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVER_NLOPT}
 METHODS = {"ml": lib.GSID_PLANT_FIT_ML, "nls-output": lib.GSID_PLANT_FIT_NLS_OUTPUT}
 # Failures of a fit that do not tell that its start cannot be simulated.
-_NOT_OF_THE_START = (lib.GSID_E_NO_MEMORY, lib.GSID_E_BACKEND, lib.GSID_E_TOO_FEW)
+_NOT_OF_THE_START = (lib.GSID_E_NO_MEMORY, lib.GSID_E_BACKEND, lib.GSID_E_TOO_FEW, lib.GSID_E_SINGULAR)
 
 
 def least_size(known: EffectParameter) -> float:
@@ -153,6 +153,11 @@ class Problem:
         self.own_names = [free[i] for i in self.local] + [DRIFT] * self.has_drift
         self.n_records, self.n_own, self.n_shared = len(measured), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
+        if self.n > lib.GSID_LSQ_COLUMNS_MAX:
+            raise ValueError(
+                f"{self.n} unknowns of {self.n_records} records are more than {lib.GSID_LSQ_COLUMNS_MAX}:"
+                " fit fewer records together, or fewer parameters for each record"
+            )
         variances = pooled_variance(measured, drift=self.has_drift)
         self.parts = [
             Part(model, s, v, band, self.n_own + self.n_shared, deadline)
@@ -255,28 +260,43 @@ class _Call:
         result.is_at_bound = ffi.from_buffer("uint8_t[]", self.is_at_bound)
 
     def run(self, pool: ThreadPoolExecutor) -> int:
-        """Fit; the status. What interrupts a simulation (Ctrl-C) is raised when all have ended."""
+        """Fit; the status.
+
+        The fit has a thread of its own, where no Ctrl-C comes between it and its simulations: they use its
+        memory. An interrupt stops the simulations, and is raised after the fit has ended.
+        """
         raised: list[BaseException] = []
 
-        def each(_: Any, n: int, work: Any, of_work: Any) -> int:
+        def each(n: int, work: Callable[[int], None]) -> int:
+            futures: list[Future] = []
             try:
-                wait([pool.submit(work, of_work, i) for i in range(n)])
+                for i in range(n):
+                    futures.append(pool.submit(work, i))
+                for future in futures:
+                    future.result()
                 return 0
             except BaseException as error:
                 raised.append(error)
-                self.problem.deadline.stop()
-            while True:
-                with contextlib.suppress(BaseException):  # they use the memory of the fit: wait for their end
-                    pool.shutdown()
-                    return 1
+                return 1
+            finally:
+                wait(futures)
 
-        declaration = "int(void *, uint32_t, void(*)(void *, uint32_t), void *)"
-        callback = ffi.callback(declaration, each, error=1, onerror=lambda _, error, __: raised.append(error))
-        self.cfg.each = callback
-        status = lib.gsid_plant_fit(self.cfg, self.result)
+        self.each = ffi.new_handle(each)
+        self.cfg.each, self.cfg.user = lib.gsid_python_each, self.each
+        with ThreadPoolExecutor(1) as alone:
+            fitting = alone.submit(self._fit)
+            while not fitting.done():
+                try:
+                    wait([fitting])
+                except BaseException as error:
+                    raised.append(error)
+                    self.problem.deadline.stop()
         if raised:
             raise raised[0]
-        return status
+        return fitting.result()
+
+    def _fit(self) -> int:
+        return lib.gsid_plant_fit(self.cfg, self.result)
 
     def minimum(self, records: list[RecordAt]) -> Minimum:
         return Minimum(

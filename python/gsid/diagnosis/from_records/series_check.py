@@ -13,7 +13,7 @@ from gsid.plant.model import PlantModel
 
 
 def check_series(rounds: Rounds) -> None:
-    """Make the nearest of what is named if a model needs too many copies of it.
+    """Turn a named effect into the nearest where the model needs several copies of it.
 
     Parameters
     ----------
