@@ -80,3 +80,13 @@ def test_what_is_no_image():
     for tones, refresh_hz in cases:
         assert mark_images(tones, refresh_hz, FS_HZ, 0.05) == tones
     assert mark_images([fan, image], REFRESH_HZ, FS_HZ, 0.05)[1].image_of_hz == FAN_HZ
+
+
+def test_the_picture_names_disturbances_and_not_each_of_their_images(at_rest):
+    """Their names lay on each other."""
+    ax = at_rest.plot().axes[1]
+    assert [text.get_text() for text in ax.texts] == [at_rest.tones[0].name]
+    n_images = len(at_rest.tones) - 1
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert legend[0].startswith("periodic disturbances (1)")
+    assert legend[1] == f"their images at the refresh rate of 400.02 Hz ({n_images})"

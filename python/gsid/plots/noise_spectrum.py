@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,7 @@ from gsid.plots.style import (
 
 if TYPE_CHECKING:
     from gsid.spectrum.noise import Noise
+    from gsid.spectrum.tones import Tone
 
 LABELLED = 8  # disturbances with their name beside them
 
@@ -72,24 +74,32 @@ def _draw_density(ax: Axes, n: Noise) -> None:
 
 
 def _draw_tones(ax: Axes, n: Noise) -> None:
-    f_hz = np.array([tone.f_hz for tone in n.tones])
-    amplitude = np.array([tone.amplitude for tone in n.tones])
-    bars = NORMAL_95 * np.array([tone.std_amplitude for tone in n.tones])
+    own = [tone for tone in n.tones if not tone.image_of_hz]
+    images = [tone for tone in n.tones if tone.image_of_hz]
+    rate = f"false-alarm rate {n.alpha:g}"
+    _draw_bars(ax, own, "o", f"periodic disturbances ({len(own)}), 95 % interval; {rate}")
+    if images:
+        _draw_bars(
+            ax, images, "x", f"their images at the refresh rate of {n.refresh_hz:.5g} Hz ({len(images)})"
+        )
+    for tone in own[:LABELLED]:
+        ax.annotate(tone.name, (tone.f_hz, tone.amplitude), (5, 3), textcoords="offset points", fontsize=8.0)
+    ax.set_ylim(0.0, 1.35 * max(tone.amplitude + NORMAL_95 * tone.std_amplitude for tone in n.tones))
+    ax.set_ylabel(with_unit("amplitude", plain_text(n.y_unit)))
+    ax.legend(loc="upper right")
+
+
+def _draw_bars(ax: Axes, tones: Sequence[Tone], marker: str, label: str) -> None:
     ax.errorbar(
-        f_hz,
-        amplitude,
-        bars,
-        fmt="o",
+        [tone.f_hz for tone in tones],
+        [tone.amplitude for tone in tones],
+        [NORMAL_95 * tone.std_amplitude for tone in tones],
+        fmt=marker,
         color=EXCESS,
         markersize=4.0,
         elinewidth=1.0,
-        label=f"periodic disturbances ({len(f_hz)}), 95 % interval; false-alarm rate {n.alpha:g}",
+        label=label,
     )
-    for tone in n.tones[:LABELLED]:
-        ax.annotate(tone.name, (tone.f_hz, tone.amplitude), (5, 3), textcoords="offset points", fontsize=8.0)
-    ax.set_ylim(0.0, 1.35 * float(np.max(amplitude + bars)))
-    ax.set_ylabel(with_unit("amplitude", plain_text(n.y_unit)))
-    ax.legend(loc="upper right")
 
 
 def _db(power: np.ndarray) -> np.ndarray:
