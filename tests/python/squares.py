@@ -20,9 +20,10 @@ class Found:
 
 
 def settings():
+    """The settings of the search, copied: a part of a struct does not keep the struct alive."""
     entered = ffi.new("gsid_plant_fit_settings *")
     SETTINGS.to_c(entered)
-    return entered.search
+    return ffi.new("gsid_squares_settings *", entered.search)
 
 
 def search(problem, solver, n_max):
@@ -51,7 +52,7 @@ def search(problem, solver, n_max):
     c.n, c.at, c.keep = problem.n, *callbacks
     c.lower, c.upper = ffi.from_buffer("double[]", lower), ffi.from_buffer("double[]", upper)
     x, blocked = np.array(problem.start(), float), np.empty(problem.n, np.uint8)
-    found, how = ffi.new("gsid_squares_result *"), ffi.new("gsid_squares_settings *", settings())
+    found, how = ffi.new("gsid_squares_result *"), settings()
     status = lib.gsid_squares_search(
         c,
         how,
