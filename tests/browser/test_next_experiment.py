@@ -17,7 +17,7 @@ def test_a_proposal_is_filled_in_and_measured_by_clicks(page, record):
     assert "0.02 is wanted" in step(page, 2)
     page.locator("#step-2 .picture .main-svg").first.wait_for()
     page.locator("#step-2").get_by_role("button", name="Fill in the experiment").click()
-    page.wait_for_function("document.activeElement.name === 'axis'")
+    page.locator("#live-form [name=axis]:focus").wait_for()  # the page's policy refuses polled expressions
     assert page.locator("#live-form [name=file]").input_value() == "excitation/2-next.csv"
     periods = page.locator("#live-form [name=periods]").input_value()
     assert f"{periods} periods of a command" in step(page, 2)
