@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from known_system import response
 
+from gsid.cli.files_in_use import InputPath
 from gsid.cli.in_study import COPIED_TO, OWN, STEPS, Typed
 from gsid.cli.main import VERBS
 from gsid.cli.main import gsid as group
-from gsid.cli.options import InputPath
 from gsid.models.load import load_single
 from gsid.records.files import write_record
 from gsid.study.folder import LOG, SESSION, Study

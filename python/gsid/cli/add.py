@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.cli.files_in_use import INPUT, OUTPUT, RECORD
+from gsid.cli.option_types import Value
 from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
-    RECORD,
-    Value,
     band_option,
     held_out_option,
     json_option,

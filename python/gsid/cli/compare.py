@@ -9,8 +9,8 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION
 from gsid.cli.compare_matrix import compare_matrix
+from gsid.cli.files_in_use import INPUT
 from gsid.cli.options import (
-    INPUT,
     alpha_option,
     band_option,
     experiment_options,

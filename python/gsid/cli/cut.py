@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import OUTPUT, json_option, options_as_arguments, record_options, scale_option
+from gsid.cli.files_in_use import OUTPUT
+from gsid.cli.options import json_option, options_as_arguments, record_options, scale_option
 from gsid.cli.output import answered, print_message
 
 if TYPE_CHECKING:

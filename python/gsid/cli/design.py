@@ -15,13 +15,11 @@ from gsid.base.tables import Table
 from gsid.cli.design_methods import compare_methods
 from gsid.cli.design_next import design_next
 from gsid.cli.design_orthogonal import orthogonal
+from gsid.cli.files_in_use import FILE_OUTPUT, INPUT, OUTPUT
+from gsid.cli.option_types import Band
 from gsid.cli.options import (
-    FILE_OUTPUT,
-    INPUT,
     LIMIT,
-    OUTPUT,
     SEED,
-    Band,
     add_options,
     amplitude_option,
     band_option,

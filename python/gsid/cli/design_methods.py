@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.files_in_use import INPUT, RECORD
+from gsid.cli.option_types import Band
 from gsid.cli.options import (
-    INPUT,
     LIMIT,
-    RECORD,
-    Band,
     json_option,
     limit_command_option,
     limit_travel_option,

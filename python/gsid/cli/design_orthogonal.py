@@ -6,7 +6,8 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.experiments import Numbers, files_in, folder_option
-from gsid.cli.options import SEED, Band, json_option, options_as_arguments, period_option, rate_option
+from gsid.cli.option_types import Band
+from gsid.cli.options import SEED, json_option, options_as_arguments, period_option, rate_option
 from gsid.cli.output import answered, print_message, print_table
 
 

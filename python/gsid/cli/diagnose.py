@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import EXIT_GOOD, EXIT_INTERRUPT, with_ladder
+from gsid.cli.files_in_use import INPUT, OUTPUT
 from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
     alpha_option,
     band_option,
     found_model_option,

@@ -9,14 +9,8 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.distortion_matrix import distortion_matrix
-from gsid.cli.options import (
-    RECORD,
-    band_option,
-    json_option,
-    picture_option,
-    reading_options,
-    records_argument,
-)
+from gsid.cli.files_in_use import RECORD
+from gsid.cli.options import band_option, json_option, picture_option, reading_options, records_argument
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import FilesInUse
+from gsid.cli.files_in_use import FilesInUse
 
 
 class Numbers(click.ParamType):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments, rate_option
+from gsid.cli.files_in_use import FILE_OUTPUT, INPUT, FilesInUse
+from gsid.cli.options import json_option, options_as_arguments, rate_option
 from gsid.cli.output import answered, note_assumed_hold, print_message
 
 

@@ -12,13 +12,7 @@ from gsid.cli.fit_matrix import fit_matrix
 from gsid.cli.fit_piecewise import fit_pieces
 from gsid.cli.fit_rational import fit_transfer_function, given_response
 from gsid.cli.fit_request import FitRequest, fit_options
-from gsid.cli.options import (
-    json_option,
-    picture_option,
-    reading_options,
-    records_argument,
-    reference_option,
-)
+from gsid.cli.options import json_option, picture_option, reading_options, records_argument, reference_option
 
 
 @click.command(short_help="Fit a rational model, or a stack of effects, to records.")

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
-    add_options,
-    band_option,
-    held_out_option,
-    inertia_option,
-    order_option,
-)
+from gsid.cli.files_in_use import INPUT, OUTPUT
+from gsid.cli.options import add_options, band_option, held_out_option, inertia_option, order_option
 
 if TYPE_CHECKING:
     from gsid.records.mimo import MimoRecord

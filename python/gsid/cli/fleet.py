@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
-from gsid.cli.options import INPUT, json_option
+from gsid.cli.files_in_use import INPUT
+from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_message, print_step, steps_shown
 
 if TYPE_CHECKING:

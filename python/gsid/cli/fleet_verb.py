@@ -13,8 +13,8 @@ import click
 from gsid.base.errors import InputError, choose
 from gsid.base.json_files import parse_json
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, HELP_NAMES
+from gsid.cli.files_in_use import InputPath, OutputPath
 from gsid.cli.main import main
-from gsid.cli.options import InputPath, OutputPath
 from gsid.cli.output import MESSAGES
 from gsid.fleet.address import address, file_digest, record_digest
 from gsid.fleet.plan import Unit

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.files_in_use import INPUT, OUTPUT
 from gsid.cli.frf_matrix import frf_matrix
 from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
     band_option,
     experiment_options,
     json_option,

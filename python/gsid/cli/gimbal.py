@@ -9,15 +9,9 @@ from pathlib import Path
 import click
 
 from gsid.cli.experiments import Numbers, files_in, folder_option
-from gsid.cli.options import (
-    FILE_OUTPUT,
-    RECORD,
-    SEED,
-    Value,
-    json_option,
-    options_as_arguments,
-    periods_option,
-)
+from gsid.cli.files_in_use import FILE_OUTPUT, RECORD
+from gsid.cli.option_types import Value
+from gsid.cli.options import SEED, json_option, options_as_arguments, periods_option
 from gsid.cli.output import answered, print_message, working
 
 

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, EXIT_INTERRUPT, EXIT_USAGE
-from gsid.cli.options import FilesInUse, InputPath, Library, OutputPath, UsageError
+from gsid.cli.files_in_use import FilesInUse, InputPath, Library, OutputPath
+from gsid.cli.options import UsageError
 from gsid.cli.output import MESSAGES, print_message
 from gsid.cli.stopping import Stopping
 

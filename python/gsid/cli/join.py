@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.files_in_use import OUTPUT
 from gsid.cli.frf import write
 from gsid.cli.options import (
-    OUTPUT,
     alpha_option,
     json_option,
     options_as_arguments,

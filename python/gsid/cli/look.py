@@ -9,7 +9,8 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
-from gsid.cli.options import Ends, json_option, picture_option, record_options
+from gsid.cli.option_types import Ends
+from gsid.cli.options import json_option, picture_option, record_options
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.design_next import distinguishing
+from gsid.cli.files_in_use import INPUT, OUTPUT
 from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
     json_option,
     limit_command_option,
     limit_travel_option,

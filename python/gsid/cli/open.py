@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import click
 
-from gsid.cli.options import RECORD, UsageError
+from gsid.cli.files_in_use import RECORD
+from gsid.cli.options import UsageError
 from gsid.cli.output import print_json, print_message
 
 

@@ -1,19 +1,17 @@
-"""Options and arguments that several verbs have, and the files that a command reads and writes."""
+"""Options and arguments that several verbs have."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import math
-import os
-import re
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from gsid.cli.files_in_use import FILE_OUTPUT, INPUT, OUTPUT, RECORD, FilesInUse, Library
+from gsid.cli.option_types import Band, FiniteRange, Order, Scale, UnitOf, Value
 
 if TYPE_CHECKING:
     from gsid.records.mimo import MimoRecord
@@ -28,83 +26,6 @@ class UsageError(click.UsageError):
         self.hint = hint
 
 
-class Band(click.ParamType):
-    """LO:HI in Hz."""
-
-    name = "LO:HI"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            lo, hi = (float(part) for part in str(value).split(":"))
-        except ValueError:
-            self.fail(f"{value} is not LO:HI in Hz, for example 1:250", param, ctx)
-        if not 0 <= lo < hi < math.inf:
-            self.fail(f"{value}: LO must be at least 0 and below HI", param, ctx)
-        return lo, hi
-
-
-class Order(click.ParamType):
-    """POLES/ZEROS, or auto if allowed."""
-
-    def __init__(self, *, may_be_auto: bool = False) -> None:
-        self.may_be_auto = may_be_auto
-        self.name = "POLES/ZEROS|auto" if may_be_auto else "POLES/ZEROS"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if not re.fullmatch(r"\d+/\d+", value) and not (self.may_be_auto and value == "auto"):
-            self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
-        return value
-
-
-class Value(click.ParamType):
-    """NAME=VALUE."""
-
-    name = "NAME=VALUE"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        if isinstance(value, tuple):
-            return value
-        name, equals, number = str(value).partition("=")
-        try:
-            if equals:
-                return name.strip(), float(number)
-        except ValueError:
-            pass
-        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
-
-
-class UnitOf(click.ParamType):
-    """NAME=UNIT."""
-
-    name = "NAME=UNIT"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
-        if isinstance(value, tuple):
-            return value
-        name, equals, unit = str(value).rpartition("=")
-        if not equals or not name.strip() or not unit.strip():
-            self.fail(f"{value} is not NAME=UNIT, for example y=deg/s", param, ctx)
-        return name.strip(), unit.strip()
-
-
-class _FiniteRange(click.FloatRange):
-    """A range without infinity, which no limit is."""
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        found = super().convert(value, param, ctx)
-        if not math.isfinite(found):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return found
-
-
 def add_options(options: Sequence[Callable]) -> Callable:
     """Decorator that adds several options in this order."""
     return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
@@ -116,7 +37,7 @@ def _with_default(text: str, default: str) -> str:
 
 
 SEED = click.IntRange(0, 2**64 - 1)
-LIMIT = _FiniteRange(0, min_open=True)
+LIMIT = FiniteRange(0, min_open=True)
 
 
 def rate_option(shown_default: str = "", **how: Any) -> Callable:
@@ -194,71 +115,6 @@ HOW_READ = (
 )  # options that a suggested command repeats
 
 
-STREAMS = ("/dev/stdout", "/dev/stderr")  # where the system has them
-
-
-@dataclass
-class FilesInUse:
-    """Files that a command reads and writes, as far as its arguments name them."""
-
-    inputs: list[str] = field(default_factory=list)
-    outputs: list[str] = field(default_factory=list)
-    stdout_by: str = ""  # option whose file goes to the standard output
-
-    @classmethod
-    def of(cls, ctx: click.Context | None) -> FilesInUse:
-        """Those of the command that runs; the same for all its arguments."""
-        return cls() if ctx is None else ctx.meta.setdefault("gsid.base.files", cls())
-
-    def read(self, *paths: str) -> None:
-        """Note inputs.
-
-        Raises
-        ------
-        InputError
-            One of them is an output.
-        """
-        self.inputs += paths
-        for output in self.outputs:
-            self._check(output, paths)
-
-    def write(self, *paths: str | Path) -> None:
-        """Note outputs; also the names that a command derives from an argument.
-
-        Raises
-        ------
-        InputError
-            One of them is an input or another output, or nothing can be written there.
-        """
-        from gsid.base.errors import InputError
-        from gsid.base.files import refuse_overwrite, target_of
-
-        for path in map(str, paths):
-            folder = target_of(path).parent
-            if not folder.is_dir():
-                raise InputError("the folder does not exist", path, None, "create it, or name another folder")
-            if not os.access(folder, os.W_OK):
-                raise InputError("the folder is not writable", path, None, "name another folder")
-            self._check(path, self.inputs)
-            refuse_overwrite(path, self.outputs, "two outputs have the same name")
-            refuse_overwrite(path, STREAMS, "this command prints to the same file")
-            self.outputs.append(path)
-
-    @staticmethod
-    def _check(output: str, inputs: Iterable[str]) -> None:
-        from gsid.base.files import refuse_overwrite
-
-        refuse_overwrite(output, inputs, "the output would replace an input")
-
-    def stream(self, by: str, ctx: click.Context) -> None:
-        """Reserve the standard output for one file; other output goes to stderr."""
-        if self.stdout_by:
-            raise click.UsageError(f"{self.stdout_by} and {by} both write to the standard output", ctx)
-        self.stdout_by = by
-        if by != "--json":
-            ctx.find_root().with_resource(contextlib.redirect_stdout(sys.stderr))
-
-
 def _print_json_alone(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
     if value:
         FilesInUse.of(ctx).stream("--json", ctx)
@@ -266,43 +122,6 @@ def _print_json_alone(ctx: click.Context, param: click.Parameter, value: bool) -
 
 
 json_option = click.option("--json", "as_json", is_flag=True, callback=_print_json_alone, help="Print JSON.")
-
-
-class InputPath(click.Path):
-    """A file to read, which no output of the command may replace."""
-
-    def __init__(self, *, with_meta: bool = False) -> None:
-        super().__init__()
-        self.with_meta = with_meta  # records may have their rate and units in the meta.json of their folder
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        path = super().convert(value, param, ctx)
-        FilesInUse.of(ctx).read(path, *([str(Path(path).parent / "meta.json")] if self.with_meta else []))
-        return path
-
-
-class OutputPath(click.Path):
-    """A file to write, checked before the work begins; with `streams`, - is the standard output."""
-
-    def __init__(self, *, streams: bool = True) -> None:
-        super().__init__()
-        self.streams = streams
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from gsid.base.files import is_stdout
-
-        path = super().convert(value, param, ctx)
-        if not is_stdout(path):
-            FilesInUse.of(ctx).write(path)
-        elif not self.streams:
-            self.fail("this output cannot go to the standard output: name a file", param, ctx)
-        elif ctx is not None:
-            FilesInUse.of(ctx).stream(f"{param.opts[0]} -", ctx)
-        return path
-
-
-INPUT, RECORD = InputPath(), InputPath(with_meta=True)
-OUTPUT, FILE_OUTPUT = OutputPath(), OutputPath(streams=False)
 
 
 reference_option = click.option(
@@ -415,55 +234,9 @@ limit_travel_option = click.option(
 )
 
 
-class Ends(click.ParamType):
-    """LO:HI around 0, of which one may be empty; D stands for -D:D where one number may."""
-
-    def __init__(self, *, may_be_one: bool = False) -> None:
-        self.may_be_one = may_be_one
-        self.name = "D|LO:HI" if may_be_one else "LO:HI"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        if isinstance(value, tuple):
-            return value
-        low, colon, high = str(value).partition(":")
-        if not colon and self.may_be_one:
-            low, colon, high = f"-{low}", ":", low
-        try:
-            ends = (float(low or -math.inf), float(high or math.inf)) if colon else (0.0, 0.0)
-        except ValueError:
-            ends = 0.0, 0.0
-        if not ends[0] < 0 < ends[1] or ends == (-math.inf, math.inf):
-            examples = "2, -135:50, -135: or :50" if self.may_be_one else "-135:50, -135: or :50"
-            self.fail(f"{value} is not like {examples}, with 0 between the ends", param, ctx)
-        return ends
-
-
 def plant_option(text: str) -> Callable:
     """--model of verbs that need a stack of effects."""
     return click.option("--model", "model_path", metavar="M.json", type=INPUT, required=True, help=text)
-
-
-class Scale(click.ParamType):
-    """A number on the line and what it is in a unit."""
-
-    name = "N=XUNIT"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, str]:
-        if isinstance(value, tuple):
-            return value
-        number, _, rest = str(value).partition("=")
-        found = re.fullmatch(r"([-+.\deE]*\d\.?)\s*([^\d\s.+-]\S*)", rest)
-        try:
-            scale = float(number) / float(found[1]) if found else math.nan
-        except (ValueError, ZeroDivisionError):
-            scale = math.nan
-        if found is None or not (math.isfinite(scale) and scale):
-            self.fail(f"{value} is not like 179=10V: a number on the line, and what it is", param, ctx)
-        return scale, found[2]
 
 
 scale_option = click.option(
@@ -473,23 +246,6 @@ scale_option = click.option(
     help="Unit of the command: 179=10V if 179 on the line is 10 V. Amplitude, limits and record are then"
     " in V. [default: as on the line]",
 )
-
-
-class Library(click.ParamType):
-    """FILE.so:NAME."""
-
-    name = "FILE.so:NAME"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
-        if isinstance(value, tuple):
-            return value
-        path, _, name = str(value).rpartition(":")
-        if not path or not name.isidentifier():
-            self.fail(f"{value} is not {self.name}, for example ./spring.so:spring", param, ctx)
-        FilesInUse.of(ctx).read(path)
-        return path, name
 
 
 def library_option(text: str, name: str, *, multiple: bool) -> Callable:

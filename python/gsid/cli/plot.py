@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.files_in_use import INPUT
 from gsid.cli.options import (
-    INPUT,
     LIMIT,
     PICTURES,
     UsageError,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.cli.files_in_use import INPUT
 from gsid.cli.options import (
-    INPUT,
     json_option,
     options_as_arguments,
     picture_option,

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import with_ladder
+from gsid.cli.files_in_use import INPUT, OUTPUT
 from gsid.cli.options import (
-    INPUT,
-    OUTPUT,
     band_option,
     json_option,
     limit_command_option,

@@ -16,11 +16,10 @@ import click
 from gsid.base.files import is_stdout
 from gsid.base.tables import Table
 from gsid.cli.attended import Attendance, line_writer, print_record
+from gsid.cli.files_in_use import INPUT, OUTPUT
+from gsid.cli.option_types import Band
 from gsid.cli.options import (
-    INPUT,
     LIMIT,
-    OUTPUT,
-    Band,
     UsageError,
     amplitude_option,
     is_given,

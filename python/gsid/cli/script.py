@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import OUTPUT, UsageError
+from gsid.cli.files_in_use import OUTPUT
+from gsid.cli.options import UsageError
 from gsid.cli.output import print_message
 
 KINDS = (".py", ".sh")

@@ -13,16 +13,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import (
-    FILE_OUTPUT,
-    INPUT,
-    SEED,
-    Ends,
-    Value,
-    is_given,
-    json_option,
-    options_as_arguments,
-)
+from gsid.cli.files_in_use import FILE_OUTPUT, INPUT
+from gsid.cli.option_types import Ends, Value
+from gsid.cli.options import SEED, is_given, json_option, options_as_arguments
 from gsid.cli.output import print_json, print_message
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import RECORD, is_given
+from gsid.cli.files_in_use import RECORD
+from gsid.cli.options import is_given
 from gsid.cli.output import print_message
 
 

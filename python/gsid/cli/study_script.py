@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.cli.common import EXIT_CRITERION, EXIT_INTERRUPT, HELP_NAMES
+from gsid.cli.files_in_use import InputPath
 from gsid.cli.in_study import Typed
-from gsid.cli.options import InputPath
 from gsid.cli.output import visible
 
 if TYPE_CHECKING:
