@@ -70,11 +70,12 @@ LEGIBLE = """() => {
 
 
 def test_each_width_has_its_own_picture(page):
-    for width, shown in ((1280, "wide"), (400, "narrow")):
+    for width, shown, hidden in ((1280, "wide", "narrow"), (400, "narrow", "wide")):
         page.set_viewport_size({"width": width, "height": 900})
-        visible = page.locator("figure").first.locator("svg:visible, .plot:visible").first
-        assert visible.get_attribute("class").split()[0] in (shown, "plot")
-        assert page.wait_for_function(LEGIBLE)  # plotly draws again after the window has a new size
+        figure = page.locator("figure").first
+        figure.locator(f"svg.{shown}:visible, .plot:visible").first.wait_for()  # plotly draws again
+        assert not figure.locator(f"svg.{hidden}").is_visible()
+        assert page.wait_for_function(LEGIBLE)
 
 
 def test_print_opens_what_is_folded_and_cuts_nothing(page):
