@@ -9,6 +9,7 @@ from plants import FS_HZ, plant
 
 from gsid.diagnosis.joint_fit import fit_joint, twist_of
 from gsid.diagnosis.joint_start import joint_start
+from gsid.greybox.linear_start import linear_start
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra
@@ -125,3 +126,21 @@ def test_a_mode_that_was_bent_away_does_not_mislead_the_start():
     # A few per cent of error are the method's own; astray it came to 450 Hz and a play of 0.043.
     assert start["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.01)
     assert start["gear_backlash.gap_deg"].value == pytest.approx(joint["gap_deg"], rel=0.1)
+
+
+def test_the_motion_of_the_load_shows_a_joint_that_the_response_does_not():
+    """A bug: a lag and a delay had the response of the joint, so that its play was not looked for."""
+    hides = AXIS | {"transport_delay": {"delay_s": 2e-3}, "sensor_lag": {"time_constant_s": 8e-4}}
+    joint = {"gap_deg": 0.1, "stiffness": 1e6, "inertia_ratio": 0.12, "damping": 120.0}
+    measured = measured_of(plant(hides | {"gear_backlash": joint}))
+    record = SimpleNamespace(
+        line=np.arange(1, 400), weight=np.full(399, 1e3), prediction=None, spectra=measured
+    )
+    model = linear_start(plant(hides), [measured])
+    fit = SimpleNamespace(model=model, records=[record], cost=np.inf)
+    assert joint_start(fit, model) is None
+    start = joint_start(fit, model, is_clear=True)
+    # The gap is large and the motion short: the later fit by simulation corrects a quarter.
+    assert start["gear_backlash.gap_deg"].value == pytest.approx(joint["gap_deg"], rel=0.3)
+    fit.cost = 0.0  # nothing is left to explain
+    assert joint_start(fit, model, is_clear=True) is None

@@ -75,6 +75,18 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit) -> PlantModel:
     return model.with_values([better.get(name, model[name].value) for name in model.free_names])
 
 
+def joint_cost(model: PlantModel, fit: PlantFit) -> float:
+    """Cost of a model with backlash, given the measured motion of the load (DIA-10); inf if not finite.
+
+    Parameters
+    ----------
+    model, fit
+        As `fit_joint`.
+    """
+    problem = _Problem(model, fit)
+    return float(problem.costs(_values(model, problem.names)[None])[0])
+
+
 def _values(model: PlantModel, names: list[str]) -> np.ndarray:
     return np.array([model[name].value for name in names])
 

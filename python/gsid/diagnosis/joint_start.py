@@ -15,7 +15,7 @@ import copy
 import numpy as np
 
 from gsid.base.errors import GsidError
-from gsid.diagnosis.joint_fit import fit_joint
+from gsid.diagnosis.joint_fit import fit_joint, joint_cost
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR, linear_error, linear_start
 from gsid.plant.linear_response import BACKLASH
@@ -30,9 +30,10 @@ RATIOS = (0.4, 0.15)  # of the inertias, which the response does not determine
 STIFFER = (1.0, 2.5, 6.0, 20.0)  # stiffness in contact, relative to that of the response
 DAMPING = 0.1  # damping ratio
 FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
+FORGIVEN = 0.5  # the same of the cost, given the load's motion, where the response does not improve
 
 
-def joint_start(fit: PlantFit, given: PlantModel) -> PlantModel | None:
+def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> PlantModel | None:
     """The model with backlash at the best of `FREQUENCIES`; None if it does not improve the response.
 
     Parameters
@@ -42,6 +43,9 @@ def joint_start(fit: PlantFit, given: PlantModel) -> PlantModel | None:
     given : PlantModel
         The model before the fit. A fit without backlash may move the frequency of a mode to imitate it, and
         a fit that starts there may end in a local minimum.
+    is_clear : bool
+        Whether the misfit is clear: then the measured motion of the load decides where the response does not.
+        A lag and a delay may have the response of a joint far above the band.
 
     Returns
     -------
@@ -59,14 +63,18 @@ def joint_start(fit: PlantFit, given: PlantModel) -> PlantModel | None:
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
             trials.append((linear_error(model, loud), origin, share, model))
     least, origin, share, soft = min(trials, key=lambda one: one[0])
-    if not least < FALL * before:
+    improves = least < FALL * before
+    if not improves and not is_clear:
         return None
     others = [linear_start(_with_joint(origin, share * highest, ratio), loud) for ratio in RATIOS[1:]]
     if not (
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
         starts = [one for model in (soft, *others) for one in _with_play(fit, model)]
-        return fit_joint(starts, fit)
+        start = fit_joint(starts, fit)
+        return start if improves or joint_cost(start, fit) < FORGIVEN * fit.cost else None
+    if not improves:
+        return None
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]
     return min(looked, key=lambda one: one[0])[1] if looked else None
 

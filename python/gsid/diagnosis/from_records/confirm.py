@@ -163,6 +163,7 @@ class Simulations:
         given: PlantModel,
         beaten: float,
         pruned: Callable[[PlantModel], PlantModel] = lambda model: model,
+        deadline: Deadline | None = None,
     ) -> Simulated | None:
         """Fit play between motor and load; None if it lowers no cost, or if there was no time.
 
@@ -176,14 +177,18 @@ class Simulations:
             Least cost of the other laws.
         pruned : callable
             As `short_list`.
+        deadline : Deadline, optional
+            Bounds the work of several such fits; by default this one may use `moves_of_play`.
         """
         if self.deadline.is_over:
             self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
             return None
         self.on_step(f"fitting {BACKLASH} by simulation")
-        deadline = self.deadline.bounded(self.settings.moves_of_play)
+        deadline = deadline or self.deadline.bounded(self.settings.moves_of_play)
+        is_clear = min(beaten, null.cost) > self.settings.clear_misfit * null.n_dof
+        how = {"pruned": pruned, "is_clear": is_clear}
         try:
-            fit = fit_play(null, given, self.measured, self.band, beaten, deadline, pruned)
+            fit = fit_play(null, given, self.measured, self.band, beaten, deadline, **how)
         except OutOfTime:
             self.not_tried[BACKLASH] = self._why_stopped()
             return None

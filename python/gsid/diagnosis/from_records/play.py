@@ -46,6 +46,8 @@ def fit_play(
     beaten: float,
     deadline: Deadline,
     pruned: Callable[[PlantModel], PlantModel] = lambda model: model,
+    *,
+    is_clear: bool = False,
 ) -> PlantFit | None:
     """Fit a model with play; None if play does not improve the response.
 
@@ -65,8 +67,10 @@ def fit_play(
     deadline : Deadline
     pruned : callable
         Removes elements of a stack that became zero: a lag of zero makes the simulation stiff.
+    is_clear : bool
+        As `joint_start`.
     """
-    start = joint_start(null, given)
+    start = joint_start(null, given, is_clear=is_clear)
     if start is None:
         return None
     start = pruned(start)

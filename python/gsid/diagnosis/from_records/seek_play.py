@@ -1,7 +1,7 @@
 """Play between motor and load from the records alone.
 
-The search for the linear structure knows no play. It imitates the joint: by the body, beside which the sprung
-axis is a low mode; by a mode with a large damping; by a mode above the band. Play is therefore tried beside
+The search for the linear structure knows no play. It imitates the joint: by a mode with a large damping; by a
+mode above the band; by the body, beside which the sprung axis is a low mode. Play is therefore tried beside
 structures without these elements.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsid.base.deadline import OutOfTime
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     BODY,
@@ -49,15 +49,27 @@ def seek_play(run: Run) -> None:
         return
     with run.timed("simulation"):
         fits = run.simulations()
-        for structure in structures_for_play(run.start.model(), run.f_lo_hz, run.settings):
-            found = None if run.deadline.is_over else _fitted(run, fits, structure)
-            if found is not None:
-                take(run, found, BACKLASH)
-                if run.evidence().is_adequate(found):
-                    add_rival(run, fits, structure, found)
-                break
+        best = _best(run, fits)
+        if best is not None:
+            found, structure = best
+            take(run, found, BACKLASH)
+            if run.evidence().is_adequate(found):
+                add_rival(run, fits, structure, found)
     run.tried.add(BACKLASH)
     run.not_tried.update(fits.not_tried)
+
+
+def _best(run: Run, fits: Simulations) -> tuple[Simulated, PlantModel] | None:
+    """The first fit with play that leaves only noise, or else the one that leaves the least."""
+    best, work = None, run.deadline.bounded(run.settings.moves_of_play)
+    for structure in structures_for_play(run.start.model(), run.null.model, run.f_lo_hz, run.settings):
+        found = None if run.deadline.is_over else _fitted(run, fits, structure, work)
+        if found is None or (best is not None and found.cost >= best[0].cost):
+            continue
+        best = found, structure
+        if run.evidence().is_adequate(found):
+            break
+    return best
 
 
 def _is_worth_it(run: Run) -> bool:
@@ -69,29 +81,46 @@ def _is_worth_it(run: Run) -> bool:
     return least_left(run) > run.settings.clear_misfit
 
 
-def structures_for_play(found: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> list[PlantModel]:
+def structures_for_play(
+    found: PlantModel, fitted: PlantModel, f_lo_hz: float, settings: DecisionSettings
+) -> list[PlantModel]:
     """Canonical stacks without elements that may stand for a joint with play, the likelier first.
 
     Parameters
     ----------
     found : PlantModel
         Of `gsid.start`.
+    fitted : PlantModel
+        The canonical stack, fitted by simulation: its body is the sprung axis where that of `found` is not.
     f_lo_hz, settings
         As `canonical_stack`.
 
     Returns
     -------
     list of PlantModel
-        Two at most. The body is the element with the lowest resonance. Modes above the band are left out,
-        and then the mode with the largest damping.
+        Three at most. The first is the fitted stack with sharp modes alone, those of `found` if the fit
+        bent its own. In the others the body is
+        the element with the lowest resonance. Modes above the band are left out, and then the mode with the
+        largest damping.
     """
+    sharp = _sharp_modes(fitted, settings) or _sharp_modes(found, settings)
+    of_fitted = _with_modes(_with_one_lag(fitted), sharp)
     swapped = _with_one_lag(_lowest_as_body(found))
-    modes = [e for e in swapped.effects if e.id == MODE and e.params["f_hz"].free]
-    modes.sort(key=lambda mode: mode.params["zeta"].value)
+    modes = sorted(_free_modes(swapped), key=lambda mode: mode.params["zeta"].value)
     fewer = [modes[:-1]] if modes else []
     is_swapped = sum(e.id == MODE for e in swapped.effects) < sum(e.id == MODE for e in found.effects)
     kept = [modes, *fewer] if is_swapped or not modes else fewer
-    return [canonical_stack(_with_modes(swapped, some), f_lo_hz, settings, merged=False) for some in kept]
+    tried = [of_fitted, *(_with_modes(swapped, some) for some in kept)]
+    return [canonical_stack(one, f_lo_hz, settings, merged=False) for one in tried]
+
+
+def _free_modes(model: PlantModel) -> list[Effect]:
+    """Its modes that are not held fixed: those above the band are."""
+    return [effect for effect in model.effects if effect.id == MODE and effect.params["f_hz"].free]
+
+
+def _sharp_modes(model: PlantModel, settings: DecisionSettings) -> list[Effect]:
+    return [one for one in _free_modes(model) if one.params["zeta"].value < settings.zeta_of_joint]
 
 
 def _with_modes(model: PlantModel, modes: list[Effect]) -> PlantModel:
@@ -117,7 +146,7 @@ def _with_one_lag(model: PlantModel) -> PlantModel:
     )
 
 
-def _fitted(run: Run, fits: Simulations, structure: PlantModel) -> Simulated | None:
+def _fitted(run: Run, fits: Simulations, structure: PlantModel, work: Deadline) -> Simulated | None:
     """The fit with play beside a structure; None if it leaves more than half of what the best law leaves."""
     run.on_step("fitting a simpler linear structure by simulation")
     try:
@@ -126,5 +155,5 @@ def _fitted(run: Run, fits: Simulations, structure: PlantModel) -> Simulated | N
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return None
     most = run.settings.less_left * min(one.fit.cost for one in [run.null, *run.laws])
-    found = fits.fit_play(null, null.model, most, run.pruned)
+    found = fits.fit_play(null, null.model, most, run.pruned, work)
     return found if found is not None and found.fit.cost < most else None

@@ -60,10 +60,10 @@ class DecisionSettings:
         Most slices of the winner's fit and of the others: most fits of the trials need three. The first slice
         is one iteration: a law that cannot catch up often shows it there.
     moves_most, moves_of_fit, moves_of_play : float
-        Most work of the fits by simulation of a round, of one fit, and of play between motor and load, which
-        is tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns: they
-        bound the time on any computer without a clock. Most fits of the trials take 2e6 to 2e8, the
-        hysteretic benchmark 2e7; stiff hysteresis and wide stops took up to 7e9.
+        Most work of the fits by simulation of a round, of one fit, and of play between motor and load beside
+        all its structures, which is tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move
+        takes 30 to 60 ns: they bound the time on any computer without a clock. Most fits of the trials take
+        2e6 to 2e8, the hysteretic benchmark 2e7; stiff hysteresis and wide stops took up to 7e9.
     rival_share : float
         Least share kept out, by the first stage, of a law that is fitted by simulation: a law that explains
         less cannot catch up.
@@ -120,6 +120,9 @@ class DecisionSettings:
         Cost per degree of freedom of the linear part above which fewer periods are enough. Thirds of the
         lines are left out then; the periods only show how large the noise is, and the misfit is far above it.
         The same of the best law, above which play is tried without a given model.
+    zeta_of_joint : float
+        Damping ratio from which a mode of the linear structure may stand for a joint with play: the modes of
+        stiff structures have 0.003 to 0.05, those that stood for a joint 0.2 to 1.6.
     named_scatter, scatter_errors : float
         Largest scatter of the law's coefficient over realisations, or in standard errors.
     worse : float
@@ -180,6 +183,7 @@ class DecisionSettings:
     nearest_scatter: float = 0.3
     periods_least: int = 6
     clear_misfit: float = 10.0
+    zeta_of_joint: float = 0.1
     named_scatter: float = 0.06
     scatter_errors: float = 2.5
     worse: float = 12.0
