@@ -61,7 +61,7 @@ def test_of_two_lags_one_is_kept():
 
 def test_the_fitted_axis_with_its_sharp_modes_is_tried_first():
     """A bug: the only mode was taken for the joint though it was sharp, and the body of the start for the
-    sprung axis though only the fit had found its spring: of 19 trials with play 6 were named."""
+    sprung axis though only the fit had found its spring: of 19 trials with play 5 were named."""
     start = model(BODY, {"viscous_friction": {"rate": 800.0}}, LAG, DELAY, mode(90.0))
     fitted = with_modes(model(BODY, VISCOUS, SPRING, LAG, DELAY), mode(90.0), mode(60.0, zeta=0.8))
     fitted = with_modes(fitted, mode(800.0))

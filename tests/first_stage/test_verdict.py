@@ -224,10 +224,16 @@ def test_a_law_that_leaves_only_noise_is_the_nearest_beside_one_from_outside():
     assert (found.verdict, found.effects) == ("nearest_effect", (LAW,))
 
 
-@pytest.mark.parametrize(("simpler", "named"), [(1.004, SIMPLER), (1.008, LAW)])
-def test_the_simpler_law_is_named_unless_it_is_significantly_worse(simpler, named):
-    """12 units of the cost are 0.006 per degree of freedom."""
-    assert decision(fit(LAW, 1.0), fit(SIMPLER, simpler), RIVAL).effects == (named,)
+@pytest.mark.parametrize(
+    ("simpler", "named"),
+    [(1.004, (SIMPLER,)), (1.008, (LAW, SIMPLER)), (1.012, (LAW, SIMPLER)), (1.014, (LAW,))],
+)
+def test_the_simpler_law_is_named_unless_it_is_clearly_worse(simpler, named):
+    """12 units of the cost are 0.006 per degree of freedom, 25 are 0.0125; between them both are named.
+
+    Bug: a Coulomb friction was called Stribeck friction at 13 (blind study, seed 94014, single 7).
+    """
+    assert decision(fit(LAW, 1.0), fit(SIMPLER, simpler), RIVAL).effects == named
 
 
 @pytest.mark.parametrize(("other", "group"), [(1.004, True), (1.008, False)])

@@ -55,6 +55,14 @@ def test_there_is_none_without_cogging_or_without_a_spring():
     assert cubic_in_place_of_cogging(fitted(free)) is None
 
 
+def test_bug_a_torque_that_falls_at_the_inflection_ended_the_diagnosis():
+    """InputError: cable_spring.stiffness is out of its bounds (blind study, seed 94013, null 83)."""
+    plant = model(BODY, VISCOUS, SPRING)
+    steep = 1.01 * values(plant, "cable_spring")["stiffness"] / np.deg2rad(12.0)
+    falls = COGGING["motor_cogging"] | {"level": steep, "phase_rad": np.pi - np.deg2rad(12.0) * MEAN_DEG}
+    assert cubic_in_place_of_cogging(fitted(plant.with_effect("motor_cogging", falls))) is None
+
+
 def test_a_stiffening_spring_beside_a_constant_torque_is_named():
     """Bug: it was found as cogging whose fit did not converge, and the verdict was unknown."""
     trial = hard.make_hard(92003, 3, "single")

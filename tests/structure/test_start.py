@@ -44,6 +44,22 @@ def flat(effects):
     return {f"{effect}.{name}": value for effect, params in effects.items() for name, value in params.items()}
 
 
+@pytest.mark.parametrize(("f_body", "zeta"), [(0.847, 0.058), (1.6, 0.04), (3.3, 0.011)])
+def test_bug_a_spring_with_a_narrow_resonance_was_refused(f_body, zeta):
+    """Lines 1 Hz apart, half widths of 0.04 to 0.06 Hz: no stack was found, or one without the spring."""
+    rng = np.random.default_rng([SEED, round(1000 * f_body)])
+    w = 2 * np.pi * f_body
+    axis = replace(
+        axes.drawn(rng, 0.0), rate=2 * zeta * w, stiffness=w**2, modes=[(87.7, 0.05, 0.2)], lag_s=1e-3
+    )
+    found = gsid.start(record(axis, rng))
+    true, values, std = expected(axis), flat(found.effects), flat(found.std)
+    assert set(values) == set(true), found
+    for name, value in true.items():
+        assert abs(values[name] - value) < 5 * std[name], (name, value, values[name], std[name])
+    assert any("narrower than the distance of the lines" in text for text in found.assumed)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_linear_axis_is_found_with_its_values(seed):
     print("seed", SEED, seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsid.structure.elements import Values, columns
+from gsid.structure.elements import Lines, Values, columns
 from gsid.structure.projection import Data, Fitted
 from gsid.structure.settings import StructureSettings
 
@@ -24,17 +24,28 @@ def refusal(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
     return _impossible(fitted.values, data, settings) or _not_shown(fitted, data, settings)
 
 
+def least_half_width(lines: Lines, settings: StructureSettings) -> float:
+    """Half width in rad/s of the narrowest resonance that the lines resolve.
+
+    Parameters
+    ----------
+    lines : Lines
+    settings : StructureSettings
+    """
+    return settings.resolved_lines * 2 * np.pi * float(np.median(np.diff(lines.f_hz)))
+
+
 def _impossible(values: Values, data: Data, settings: StructureSettings) -> str:
     """Values outside the band, unresolved, or of the wrong sign."""
-    f, w = data.lines.f_hz, data.lines.w
-    spacing = 2 * np.pi * float(np.median(np.diff(f)))
+    w = data.lines.w
+    narrow = least_half_width(data.lines, settings)
     for w_mode, z in values.modes:
         where = f"mode at {w_mode / (2 * np.pi):.4g} Hz"
         if not settings.near_lo * w[0] < w_mode < settings.near_hi * w[-1]:
             return f"{where}: outside the band"
         if z > settings.zeta_max:
             return f"{where}: damping above {settings.zeta_max:g}"
-        if z <= max(settings.resolved_lines * spacing / w_mode, settings.zeta_min):
+        if z <= max(narrow / w_mode, settings.zeta_min):
             return f"{where}: narrower than the lines resolve"
     if values.structure.n_body and not settings.slow * w[0] < values.rate < settings.fast * w[-1]:
         underdamped = values.structure.body == "sprung" and values.rate**2 < 4 * values.stiffness
@@ -44,8 +55,8 @@ def _impossible(values: Values, data: Data, settings: StructureSettings) -> str:
         w_body = np.sqrt(values.stiffness)
         if not settings.slow * w[0] < w_body < settings.near_hi * w[-1]:
             return "spring outside the band"
-        if values.rate / (2 * w_body) <= max(settings.resolved_lines * spacing / w_body, settings.zeta_min):
-            return "spring: resonance narrower than the lines resolve"
+        if values.rate / (2 * w_body) <= settings.zeta_min:  # lines on its flanks show it, however narrow
+            return "spring: no damping"
     for tau in values.lags:
         if not settings.lag_short / w[-1] < tau < settings.lag_long / w[0]:
             return "lag outside the band"

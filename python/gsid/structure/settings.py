@@ -63,7 +63,7 @@ class StructureSettings:
     zeta_max : float
         Damping ratio up to which a pole pair is a mode; a body may have more.
     resolved_lines : float
-        Least half width of a resonance [line spacings]: narrower ones stand between two lines.
+        Least half width of the resonance of a mode [line spacings]: narrower ones stand between two lines.
     zeta_min : float
         Least damping ratio, as of a metal without joints.
     slow, fast : float

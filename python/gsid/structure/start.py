@@ -30,6 +30,7 @@ from gsid.structure.elements import OUTPUTS
 from gsid.structure.friction import with_friction
 from gsid.structure.held_sensor import EFFECT, RATE, Measurement, before_sensor, measurement
 from gsid.structure.readings import first_fits
+from gsid.structure.refusals import least_half_width
 from gsid.structure.select import Selection, rescored, select
 from gsid.structure.settings import StructureSettings
 from gsid.structure.stack import Stack, as_rational, as_stack
@@ -518,7 +519,18 @@ def _assumed(
         )
     if represented and best.estimate.fitted.structure.residual:
         texts.append("modes above the band are one mode at a fixed frequency above it")
+    if represented and _has_narrow_body(best.selection):
+        texts.append(
+            "the resonance of the spring is narrower than the distance of the lines: its damping rests on "
+            "the lines beside it"
+        )
     delay_s = best.estimate.fitted.values.delay_s
     if represented and delay_s <= 0:
         texts.append(f"no delay (estimated {1e3 * delay_s:.3g} ms)")
     return texts
+
+
+def _has_narrow_body(selection: Selection) -> bool:
+    values = selection.chosen.fitted.values
+    narrow = least_half_width(selection.data.lines, selection.settings)
+    return values.structure.body == "sprung" and values.rate / 2 <= narrow

@@ -290,12 +290,16 @@ class Evidence:
     def is_alike(self, one: Simulated, best: Simulated) -> bool:
         """Whether the data do not tell a law from the best: one of its family, or one of them is linear.
 
+        A simpler law of the family needs a clear difference to be excluded, not just a significant one.
+
         Parameters
         ----------
         one, best : Simulated
         """
         if family_of(one) == family_of(best):
-            return not self.is_worse(one, best)
+            simpler = n_parameters(one) < n_parameters(best) and self.is_adequate(one)
+            is_near = simpler and one.cost - best.cost <= self.settings.clearly_worse
+            return is_near or not self.is_worse(one, best)
         if self.is_counterpart(best, one):
             return True
         if not (self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best)):

@@ -29,7 +29,8 @@ def cubic_in_place_of_cogging(fitted: Simulated) -> PlantModel | None:
     Returns
     -------
     PlantModel or None
-        None without cogging or without a spring, or if that with the slope of the cogging is negative.
+        None without cogging or without a spring, or if the torque falls with the angle at the inflection: a
+        spring does not.
     """
     model = fitted.model
     by_id = {effect.id: (label, effect) for label, effect in model.labels()}
@@ -42,10 +43,11 @@ def cubic_in_place_of_cogging(fitted: Simulated) -> PlantModel | None:
     m = round((wave * mean + phase) / math.pi)
     inflection, side = (m * math.pi - phase) / wave, (-1.0) ** m
     spring = by_id[SPRING][1].params["stiffness"].value
-    if spring + side * level * wave < 0:
+    stiffness = spring + side * level * wave
+    if stiffness < 0:
         return None
     stack = model.without_effect(COGGING)
-    stack[f"{SPRING}.stiffness"].value = spring + side * level * wave
+    stack[f"{SPRING}.stiffness"].value = stiffness
     stack = stack.with_effect(CUBIC, {"stiffness": -side * level * wave**3 / 6})
     if BIAS not in by_id:
         return stack.with_effect(BIAS, {"level": spring * inflection})
