@@ -107,6 +107,13 @@ def test_a_start_without_an_answer_is_not_the_best(fitted):
     assert np.isnan(fit_joint([unanswered], fitted)["gear_backlash.damping"].value)
 
 
+@pytest.mark.filterwarnings("error")
+def test_bug_a_gain_of_zero_printed_warnings(fitted):
+    dead = stack()
+    dead["rigid_body.gain"].value = 0.0
+    assert np.all(np.isfinite(fit_joint([dead, stack()], fitted).free_values))
+
+
 def test_a_mode_that_was_bent_away_does_not_mislead_the_start():
     """A bug: the fit without a joint had moved the mode from 180 to 251 Hz; the joint's start was looked for
     from there only, ended in another minimum, and the gear's error stayed at 16 times the noise."""

@@ -136,7 +136,8 @@ class _Problem:
 
     def costs(self, many: np.ndarray) -> np.ndarray:
         """(n_sets,) costs, infinite where the error is not finite."""
-        costs = np.sum(self.errors(many) ** 2, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a step may end at a gain of 0
+            costs = np.sum(self.errors(many) ** 2, axis=1)
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def errors(self, many: np.ndarray) -> np.ndarray:
