@@ -518,10 +518,10 @@ def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed,
 def test_play_has_work_of_its_own(monkeypatch):
     """It is tried last, when the other laws may have used up theirs."""
     given = []
-    monkeypatch.setattr(confirming, "fit_play", lambda *how: given.append(how[5].moves_left))
+    monkeypatch.setattr(confirming, "fit_play", lambda *how, **_: given.append(how[5].moves_left))
     deadline = Deadline().bounded(0.0)
     fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
-    assert fits.fit_play(None, None, 0.0) is None
+    assert fits.fit_play(SimpleNamespace(cost=0.0, n_dof=1), None, 0.0) is None
     assert given == [DEFAULTS.moves_of_play]
 
 
