@@ -3,11 +3,13 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import hard
 import linear_axes as axes
 import linear_names_study as names
 import missing_linear_study as study
 import numpy as np
 import pytest
+from from_records_study import record_of
 
 import gsid
 from gsid.base.deadline import Deadline
@@ -17,6 +19,7 @@ from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan, basis, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.other_start import lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
+from gsid.diagnosis.missing_torque.ranking import scan_laws
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as STAGE
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.effect import Effect, Param
@@ -392,3 +395,26 @@ def test_bug_a_lag_was_not_named_because_a_refuted_hold_leaves_no_room_for_it():
     assert found.hold == "none"
     assert found.verdict == "missing_effect", (found.reasons, found.remarks)
     assert "sensor_lag" in found.effects
+
+
+def test_bug_a_lag_was_named_because_the_given_model_was_fitted_in_a_wrong_minimum():
+    """Blind study, seed 95012, null 25: a mode 30 % off lay above the band; the lag's fit found the mode."""
+    trial = hard.make_hard(95012, 25, "null")
+    given = PlantModel.from_dict(trial.models[0.3], "null")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)
+    assert (found.verdict, found.effects) == ("adequate", ())
+    assert found.model["flexible_mode.f_hz"].value == pytest.approx(trial.nulls.base["mode_hz"], rel=0.01)
+
+
+def test_bug_a_law_with_memory_without_a_point_on_its_grid_ended_the_diagnosis():
+    """ValueError: need at least one array to concatenate (blind study, seed 95014, single 1)."""
+    law = SimpleNamespace(
+        points=lambda scales: np.zeros((0, 2)), effect=SimpleNamespace(c=SimpleNamespace(has_memory=True))
+    )
+    scan = SimpleNamespace(
+        fit=SimpleNamespace(error=np.zeros(1)),
+        freed=lambda error: error,
+        problem=SimpleNamespace(settings=STAGE),
+        moved=[None],
+    )
+    assert scan_laws(scan, [law], {}) == []

@@ -10,13 +10,17 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
+from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
-from gsid.diagnosis.from_records.verdict import ADEQUATE, NEAREST, UNKNOWN, Decision
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.from_records.working_point import BIAS, CUBIC, cubic_in_place_of_cogging
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
+
+NOTEWORTHY = 1.0
+"""Fall of the cost that counts as another minimum: fits that converged in the same one differ by less."""
 
 
 def confirm(run: Run) -> None:
@@ -82,9 +86,26 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
         _fit_drive(run, fits)
     if run.laws:
         _add_bias(run, fits)
+        _fit_null_again(run, fits)
     is_noise = run.null is not None and run.noise_p_value >= run.alpha
     if run.given and run.laws and is_noise and not run.is_significant:
         run.decision, run.final = Decision(ADEQUATE), None
+
+
+def _fit_null_again(run: Run, fits: Simulations) -> None:
+    """The linear part alone once more, with the values that it has beside the best law.
+
+    From a start far off its first fit may end in a wrong minimum, and a law that has left it explains what is
+    not missing.
+    """
+    if run.null is None or run.final is None or run.decision.verdict not in (MISSING, NEAREST):
+        return
+    known, stack = run.null.model.stack(), run.final.model.stack()
+    added = [label.partition("#")[0] for label in stack if label not in known]
+    again = fits.fit(without(run.final.model, added), ())
+    if again is not None and again.cost < run.null.cost - NOTEWORTHY:
+        run.null = again
+        run.decide()
 
 
 def _fit_drive(run: Run, fits: Simulations) -> None:

@@ -210,7 +210,7 @@ def _best_of_grid(scan: Scan, law: Law, scales: dict[str, float], error: np.ndar
     None where over this travel every shape is a spring, or beyond its bounds.
     """
     points = law.points(scales)
-    if law.effect.c.has_memory:
+    if len(points) and law.effect.c.has_memory:
         points = points[is_dissipative(law, points, scan.problem, scan.moved)]
     if not len(points):
         return None
