@@ -184,7 +184,7 @@ def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):
             return fit
         raise OutOfTime("the time is over")
 
-    monkeypatch.setattr(play, "joint_start", lambda null, given, is_clear: "a start")
+    monkeypatch.setattr(play, "joint_start", lambda *_, **__: "a start")
     monkeypatch.setattr(play, "fit_plant", fit_plant)
     null = SimpleNamespace(cost=100.0)
     assert play.fit_play(null, None, [], None, 90.0, Deadline()) is first

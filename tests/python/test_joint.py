@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.joint_fit import fit_joint, twist_of
 from gsid.diagnosis.joint_start import joint_start
 from gsid.greybox.linear_start import linear_start
@@ -112,6 +113,13 @@ def test_bug_a_gain_of_zero_printed_warnings(fitted):
     dead = stack()
     dead["rigid_body.gain"].value = 0.0
     assert np.all(np.isfinite(fit_joint([dead, stack()], fitted).free_values))
+
+
+def test_bug_the_search_for_play_did_not_look_at_the_clock(fitted):
+    with pytest.raises(OutOfTime):
+        fit_joint([stack()], fitted, Deadline(0.0))
+    with pytest.raises(OutOfTime):
+        joint_start(SimpleNamespace(model=plant(AXIS), records=fitted.records), plant(AXIS), Deadline(0.0))
 
 
 def test_a_mode_that_was_bent_away_does_not_mislead_the_start():

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR
 from gsid.greybox.problem import least_size
@@ -37,7 +38,7 @@ LARGEST_STEP = (-0.5, 1.0)  # relative to a parameter
 GAIN_LEAST = 1e-3  # relative reduction of the cost below which the search ends
 
 
-def fit_joint(starts: list[PlantModel], fit: PlantFit) -> PlantModel:
+def fit_joint(starts: list[PlantModel], fit: PlantFit, deadline: Deadline | None = None) -> PlantModel:
     """Fit backlash and the linear part to the output, given the measured motion of the load (DIA-10).
 
     Parameters
@@ -46,17 +47,26 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit) -> PlantModel:
         The same open-loop model with backlash, at different values; the fit starts from the best one.
     fit : PlantFit
         Provides records, lines and weights.
+    deadline : Deadline, optional
+        Checked before each step; by default there is none.
 
     Returns
     -------
     PlantModel
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached.
     """
+    deadline = deadline or Deadline()
     problem = _Problem(starts[0], fit)
     costs = problem.costs(np.array([_values(one, problem.names) for one in starts]))
     model = starts[int(np.argmin(costs))]
     x, damping = _values(model, problem.names), 1e-2
     lower, upper = problem.bounds
     for _ in range(STEPS_MAX):
+        deadline.check()
         size = np.maximum(np.abs(x), problem.least_sizes)
         errors = problem.errors(np.vstack([x, x + DIFFERENCE * np.diag(size)]))
         if not np.all(np.isfinite(errors)):

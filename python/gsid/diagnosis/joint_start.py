@@ -14,6 +14,7 @@ import copy
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
 from gsid.diagnosis.joint_fit import fit_joint, joint_cost
 from gsid.greybox.fit import PlantFit
@@ -30,10 +31,12 @@ RATIOS = (0.4, 0.15)  # of the inertias, which the response does not determine
 STIFFER = (1.0, 2.5, 6.0, 20.0)  # stiffness in contact, relative to that of the response
 DAMPING = 0.1  # damping ratio
 FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
-FORGIVEN = 0.5  # the same of the cost, given the load's motion, where the response does not improve
+FALL_OF_COST = 0.5  # the same of the cost, given the load's motion, where the response does not improve
 
 
-def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> PlantModel | None:
+def joint_start(
+    fit: PlantFit, given: PlantModel, deadline: Deadline | None = None, *, is_clear: bool = False
+) -> PlantModel | None:
     """The model with backlash at the best of `FREQUENCIES`; None if it does not improve the response.
 
     Parameters
@@ -43,6 +46,8 @@ def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> 
     given : PlantModel
         The model before the fit. A fit without backlash may move the frequency of a mode to imitate it, and
         a fit that starts there may end in a local minimum.
+    deadline : Deadline, optional
+        Checked before each step; by default there is none.
     is_clear : bool
         Whether the misfit is clear: then the measured motion of the load decides where the response does not.
         A lag and a delay may have the response of a joint far above the band.
@@ -50,7 +55,13 @@ def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> 
     Returns
     -------
     PlantModel or None
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached.
     """
+    deadline = deadline or Deadline()
     measured = [record.spectra for record in fit.records]
     largest = max(float(np.linalg.norm(one.u)) for one in measured)
     loud = [one for one in measured if np.linalg.norm(one.u) > LOUD * largest]
@@ -60,6 +71,7 @@ def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> 
     origins = [fit.model] if given is fit.model else [fit.model, _as_given(fit.model, given)]
     for origin in origins:
         for share in FREQUENCIES:
+            deadline.check()
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
             trials.append((linear_error(model, loud), origin, share, model))
     least, origin, share, soft = min(trials, key=lambda one: one[0])
@@ -71,8 +83,8 @@ def joint_start(fit: PlantFit, given: PlantModel, *, is_clear: bool = False) -> 
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
         starts = [one for model in (soft, *others) for one in _with_play(fit, model)]
-        start = fit_joint(starts, fit)
-        return start if improves or joint_cost(start, fit) < FORGIVEN * fit.cost else None
+        start = fit_joint(starts, fit, deadline)
+        return start if improves or joint_cost(start, fit) < FALL_OF_COST * fit.cost else None
     if not improves:
         return None
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]

@@ -70,7 +70,7 @@ def fit_play(
     is_clear : bool
         As `joint_start`.
     """
-    start = joint_start(null, given, is_clear=is_clear)
+    start = joint_start(null, given, deadline, is_clear=is_clear)
     if start is None:
         return None
     start = pruned(start)

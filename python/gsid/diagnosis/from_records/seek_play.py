@@ -98,10 +98,9 @@ def structures_for_play(
     Returns
     -------
     list of PlantModel
-        Three at most. The first is the fitted stack with sharp modes alone, those of `found` if the fit
-        bent its own. In the others the body is
-        the element with the lowest resonance. Modes above the band are left out, and then the mode with the
-        largest damping.
+        Three at most. The first is the fitted stack with its sharp modes alone; if the fit left none sharp,
+        with those of `found`. In the others the body is the element with the lowest resonance. Modes above
+        the band are left out, and then the mode with the largest damping.
     """
     sharp = _sharp_modes(fitted, settings) or _sharp_modes(found, settings)
     of_fitted = _with_modes(_with_one_lag(fitted), sharp)

@@ -130,8 +130,8 @@ class DecisionSettings:
         a law is worse than the best of its family.
     clearly_worse : float
         Rise of the cost up to which a simpler law of the family that leaves only noise stays in the group:
-        two more parameters reach 12 in one of 400 cases, and a Coulomb friction was named Stribeck friction
-        at 13.
+        two more parameters reach 12 in one of 400 cases (chi-square), and a Coulomb friction was named
+        Stribeck friction at 13.
     member_ratio : float
         What a simpler law of the family has to leave, kept out, over what the best leaves, to be worse where
         a model error is left.
