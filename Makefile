@@ -205,12 +205,16 @@ $(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BU
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1))
 
 .PHONY: test
-test: setup ## all tests: C in double and float, the same sanitized and under valgrind, then Python
+test: setup ## C in double and float, the same sanitized and under valgrind, then Python but for `make test-long`
 	$(MAKE) $(JOBS) tests-built
 	$(MAKE) check
 	$(MAKE) sanitize
 	$(MAKE) valgrind
-	$(PY) -m pytest -q -n auto --dist loadgroup
+	$(PY) -m pytest -q -n auto --dist loadgroup -m "not long"
+
+.PHONY: test-long
+test-long: all peers ## tests that simulate whole studies, or build gsid anew: those marked long (minutes)
+	$(PY) -m pytest -q -n auto --dist loadgroup -m long
 
 .PHONY: tests-built
 tests-built: all peers $(C_TESTS) sanitized-built

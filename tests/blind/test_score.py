@@ -94,6 +94,7 @@ def test_an_effect_that_another_contains_is_never_separable():
     assert key["unexplained"] == 0
 
 
+@pytest.mark.long
 def test_of_a_pair_that_one_effect_does_as_well_nothing_is_left():
     """A bug: of a cubic spring and an unbalance, which cogging fits within noise, the key, which knew cogging
     as linear, said that it leaves 87; so both were asked for, and cogging was called wrong (seed 1020)."""
@@ -234,6 +235,7 @@ def failing_tool(place: Path) -> dict:
     raise ArithmeticError(place.name)
 
 
+@pytest.mark.long
 def test_run_continues_where_it_stopped_and_checks_hashed_keys(tmp_path):
     kinds = {"null": 1, "single": 1}
     score.run(tmp_path, 2, 7, kinds, tool=honest_tool, n_processes=1)

@@ -243,6 +243,7 @@ def test_predicted_drop_is_the_noncentrality_of_the_likelihood_ratio():
     assert np.mean(drops) == pytest.approx(predicted - n_null, abs=4 * 2 * np.sqrt(predicted / 50))
 
 
+@pytest.mark.long
 def test_trials_are_what_they_are_drawn_to_be(tmp_path):
     """Same seed, same trial; travel and drop as drawn; the model off by 5 %; the product reads the files."""
     from gsid.records.files import read_record

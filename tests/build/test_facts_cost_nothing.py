@@ -38,6 +38,7 @@ def linked(run, root, tmp_path):
     return linked
 
 
+@pytest.mark.long
 def test_the_facts_of_the_effects_are_not_in_the_image(linked):
     assert "gsid_facts_coulomb_friction" in linked()
     dropped = linked("-Wl,--gc-sections")

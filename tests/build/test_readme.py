@@ -6,6 +6,7 @@ import shutil
 import sys
 
 import pages
+import pytest
 from pages import assert_same_text, commands
 
 from measured import BENCH, needs_bench
@@ -34,6 +35,7 @@ def test_the_python_program(run, root, tmp_path):
     assert_same_text(result.stdout, blocks(root, "text")[0])
 
 
+@pytest.mark.long
 def test_the_run_over_a_serial_line(run, root, tmp_path):
     script = re.sub(
         r"^gsid ", f"{shlex.quote(str(root / '.venv/bin/gsid'))} ", blocks(root, "sh")[1], flags=re.M

@@ -55,6 +55,7 @@ def parameters(path):
     return {e["effect"]: {name: p["value"] for name, p in e["params"].items()} for e in effects}
 
 
+@pytest.mark.long
 def test_silverbox_has_a_hardening_spring(page):
     """Below 1.2 % of the output on the section kept out, sample by sample, with its numbers written anew."""
     folder = page("Silverbox")
@@ -75,6 +76,7 @@ def test_silverbox_has_a_hardening_spring(page):
         assert error.std() < 0.012 * measured.std(), name
 
 
+@pytest.mark.long
 def test_emps_has_the_published_friction(page):
     """Within 2 % of the benchmark's published values."""
     found = parameters(page("EMPS") / "emps_fitted.json")
@@ -139,6 +141,7 @@ def mirror_error(folder, name):
     return nrmse(gsid.load_model(folder / name), test)
 
 
+@pytest.mark.long
 def test_a_model_of_the_mirror(page):
     """At most the published error on experiments kept out, output by output."""
     folder = page("A model of the mirror")

@@ -78,6 +78,7 @@ def test_an_installation_that_does_not_help_ends_in_the_same_words(run, bare_pat
     assert ("Unable to connect" in result.stderr) == ("Unable" in apt_get)
 
 
+@pytest.mark.long
 def test_second_make_does_nothing_and_other_settings_rebuild(run, tree):
     assert run("make", "-j4", "libs", "CFLAGS=-O0", cwd=tree).returncode == 0  # quick to compile
     again = run("make", "libs", "CFLAGS=-O0", cwd=tree).stdout
@@ -90,6 +91,7 @@ def test_second_make_does_nothing_and_other_settings_rebuild(run, tree):
     assert "src/core/lsq.c" not in rebuilt
 
 
+@pytest.mark.long
 def test_the_host_builds_without_its_third_party_libraries(run, tree):
     flags = "CFLAGS=-O1 -Werror"
     built = run("make", "-j4", "libs", "WITH_FFTW=0", "WITH_NLOPT=0", "WITH_SUITESPARSE=0", flags, cwd=tree)

@@ -9,6 +9,7 @@ import pytest
 pytestmark = pytest.mark.xdist_group("several_axes")
 
 
+@pytest.mark.long
 def test_the_page(run, root, tmp_path):
     for block in pages.blocks(root / "docs/how-to/several_axes.md", "console"):
         for command, shown in pages.commands(block):

@@ -33,6 +33,7 @@ def test_the_page_is_of_these_sources(root, write_page):
     assert made[1] == write_page.fingerprint(), f"{FOLDER} has changed: call `make thesis`"
 
 
+@pytest.mark.long
 def test_gsid_still_computes_the_figures(root, write_page):
     """The quick form takes every path of the study with few periods."""
     kept = json.loads((root / FOLDER / "quick_figures.json").read_text())

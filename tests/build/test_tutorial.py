@@ -11,7 +11,7 @@ import pages
 import pytest
 from pages import assert_same_text, commands
 
-pytestmark = pytest.mark.xdist_group("tutorial")  # the module's fixture is made once
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("tutorial")]  # the module's fixture is made once
 PAGE = "docs/tutorial/first_hour.md"
 GSID = (sys.executable, "-m", "gsid.cli.main")
 

@@ -10,7 +10,7 @@ A study is one file of this folder. The file NAME.py holds
         run=run,
         levels=(0.01, 0.05),                       # nominal false-alarm rates
         n_seeds=1000,                              # of each cell, `make false-alarms`
-        n_short=40,                                # of each cell, `make test`
+        n_short=40,                                # of each cell, `make test-long`
     )
 
 and the experiment, a function at module level (it runs in other processes):
@@ -23,7 +23,7 @@ and the experiment, a function at module level (it runs in other processes):
 It returns one p-value, or several outcomes by name. A p-value (a float) is counted as a rejection at each
 nominal level it does not exceed; an event (a bool) is counted as it is. Events of `never` must not happen at
 all, other events are counted and not judged. `run_studies.py` finds the file, `make false-alarms STUDY=NAME`
-runs it, and `make test` runs the first `n_short` seeds of each cell. The page needs a block of that name.
+runs it, and `make test-long` runs the first `n_short` seeds of a cell. The page needs a block of that name.
 
 Each rate has its Clopper-Pearson interval: a cell is met when its 99.9 % interval (`Study.confidence`)
 contains the nominal level, and all cells together when the 95 % interval of the pooled rate does.

@@ -14,6 +14,7 @@ from study import CELL_CONFIDENCE, Cell, Results, Study, rates, studies
 KNOWN = studies()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", KNOWN)
 def test_level_is_kept_in_the_short_form(name):
     """At 99.9 % of each cell: the same few seeds are looked at after each change.

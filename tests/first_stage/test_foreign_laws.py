@@ -13,7 +13,7 @@ from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 
-pytestmark = pytest.mark.xdist_group("foreign_laws")  # the module's fixture is made once
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("foreign_laws")]  # the module's fixture is made once
 FS_HZ, N, PERIODS, SUBSTEPS, SEED = 1000.0, 2000, 8, 2, 31415
 GAIN, DAMPING, STIFFNESS = 10.0, 3.0, 25.0
 N_RECORDS = 4

@@ -200,6 +200,7 @@ def test_bug_a_spring_far_below_the_lowest_line_did_not_grow():
     assert found.linear["cable_spring.stiffness"].value == pytest.approx(truth["spring_stiffness"], rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"no measured record {SILVERBOX} (set GSID_DATA)")
 def test_silverbox_is_a_cubic_spring_without_a_model_and_without_a_band():
     whole = np.load(SILVERBOX)
@@ -212,6 +213,7 @@ def test_silverbox_is_a_cubic_spring_without_a_model_and_without_a_band():
     assert found.plot().axes
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not HYSTERESIS.exists(), reason=f"no record {HYSTERESIS} (set GSID_DATA)")
 def test_the_hysteretic_benchmark_is_bouc_wen_from_the_record_alone():
     """A fault: beside a slow body, with the resonance as a mode, the first draft was cogging."""
@@ -249,6 +251,7 @@ def test_a_closed_loop_whose_controller_is_of_another_kind_is_not_confirmed():
     assert "controller" in found.not_tried["fits by simulation"]
 
 
+@pytest.mark.long
 @needs_bench
 def test_the_motor_bench_has_no_name():
     """What it lacks is in no list: both sides of its coupling contradict each law."""

@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 
 import hard
+import pytest
 from from_records_study import record_of
 from test_steps import BODY, DEFAULTS, DELAY, F_LO, LAG, SPRING, VISCOUS, mode, model, values
 
@@ -72,6 +73,7 @@ def test_the_fitted_axis_with_its_sharp_modes_is_tried_first():
     assert values(first, "viscous_friction") == VISCOUS["viscous_friction"]
 
 
+@pytest.mark.long
 def test_play_is_named_from_the_records_alone():
     """A bug: the linear structure imitates the joint, and play was fitted only with a given model."""
     drawn = hard.make_hard(91001, 1, "single")

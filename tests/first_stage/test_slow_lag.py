@@ -49,6 +49,7 @@ def test_other_stacks_stay(known):
     assert with_fast_lag(known) is None
 
 
+@pytest.mark.long
 def test_bug_friction_was_unknown_where_the_fit_took_the_pole_of_the_body_for_the_lag():
     """The linear part of an axis with friction ended at a body of 996 1/s behind a lag of 47 ms."""
     print("seed", SEED)

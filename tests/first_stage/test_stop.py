@@ -73,6 +73,7 @@ def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
     assert edges_along_motion(problem, linear_part(truth_of(trial))) is None
 
 
+@pytest.mark.long
 def test_stops_that_only_the_high_level_reaches_are_named(trial, measured):
     """Bug: all four stops of a study were lost: the linear part of all records is far from the truth."""
     truth = trial.key["truth"]

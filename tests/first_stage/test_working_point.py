@@ -63,6 +63,7 @@ def test_bug_a_torque_that_falls_at_the_inflection_ended_the_diagnosis():
     assert cubic_in_place_of_cogging(fitted(plant.with_effect("motor_cogging", falls))) is None
 
 
+@pytest.mark.long
 def test_a_stiffening_spring_beside_a_constant_torque_is_named():
     """Bug: it was found as cogging whose fit did not converge, and the verdict was unknown."""
     trial = hard.make_hard(92003, 3, "single")
