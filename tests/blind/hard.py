@@ -220,7 +220,7 @@ def _sized(
     return params(size), [drop]
 
 
-def left_by(trial: HardTrial, effect: str, values: dict[str, float]) -> float:
+def left_by(trial: HardTrial, effect: str, values: dict[str, float], offset: float | None = None) -> float:
     """What another law leaves of the hidden effect's drop, fitted by simulation to the answers without noise.
 
     Parameters
@@ -230,6 +230,8 @@ def left_by(trial: HardTrial, effect: str, values: dict[str, float]) -> float:
         Of the catalogue.
     values : dict of float
         Start of its parameters.
+    offset : float or None
+        Constant torque beside the law, from which its own is fitted. None keeps that of the trial.
 
     Returns
     -------
@@ -238,9 +240,11 @@ def left_by(trial: HardTrial, effect: str, values: dict[str, float]) -> float:
     """
     nulls, truth_params = trial.nulls, trial.key["truth"]
     names = [(CATALOGUE[effect][name], value) for name, value in values.items() if name in CATALOGUE[effect]]
+    bias = {name: value for name, value in truth_params.items() if name == "bias_level"}
+    if offset is not None:
+        names.append(("bias_level", offset))
     size = np.array([abs(value) or 1.0 for _, value in names])
     none, start = np.ones(len(nulls.free)), np.array([value for _, value in names]) / size
-    bias = {name: value for name, value in truth_params.items() if name == "bias_level"}
 
     def law(x: np.ndarray) -> Params:
         return {name: float(value) for (name, _), value in zip(names, x * size, strict=True)}

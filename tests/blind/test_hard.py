@@ -88,6 +88,14 @@ def test_the_true_law_leaves_nothing_of_its_drop_and_another_one_most(friction):
     assert hard.left_by(friction, "cubic_spring", {"stiffness": 0.1}) > 0.2 * drop
 
 
+def test_the_offset_beside_the_law_is_fitted_when_its_start_is_given(friction):
+    true = friction.key["effects"][0]["params"]
+    drop = friction.key["predicted_drop"][0]
+    law = {"level": true["level"]}
+    offset = friction.key["truth"].get("bias_level", 0.0) + 0.3 * true["level"]
+    assert hard.left_by(friction, "coulomb_friction", law, offset) < 0.01 * drop
+
+
 def test_shapes_come_from_wider_ranges_than_those_of_a_blind_trial():
     rng = np.random.default_rng(20260404)
     axis = hard.Axis(10.0, 60.0, 2.5)

@@ -43,6 +43,7 @@ SEEDS = (21610,)
 STARTS = {"5": "model 5 % off", "30": "model 30 % off", "records": "records alone"}
 CLEAR = 64.0  # predicted drop from which an effect has to be found, and which an equal law may leave
 EQUAL_SHARE = 0.5  # of the drop, which an equal law may leave as well: the drop may be near 64
+INDISTINCT = 4.0  # left of a drop below 64 by an equal law: a 5 % test of one number finds half of such
 COLUMNS = (
     "named right",
     "nearest right",
@@ -153,7 +154,8 @@ def _left(trial: hard.HardTrial, found: gsid.Diagnosis) -> float | None:
     own = set(hard.CATALOGUE.get(effect, {}).values())
     if params is None or not own or own & trial.nulls.base.keys():  # the simulator has one of each
         return None
-    left = hard.left_by(trial, effect, params)
+    offset = next((one.params["level"].value for one in found.model.effects if one.id == "torque_bias"), None)
+    left = hard.left_by(trial, effect, params, offset)
     return left if np.isfinite(left) else None
 
 
@@ -200,13 +202,20 @@ def outcome(row: Row) -> str:
     if word in ("named", "nearest"):
         if row["kind"] != "removed" and _is_among(row, hidden):
             return f"{word} right"
-        left = row.get("left")
-        if left is not None and left < CLEAR <= row["drop"] and left < EQUAL_SHARE * row["drop"]:
+        if _is_equal(row):
             return "equal law"
         return "nearest wrong" if word == "nearest" else "WRONG NAME"
     if word == "none" and row["start"] == "records" and hidden and _in_structure(hidden[0], row):
         return "in the structure"
     return word
+
+
+def _is_equal(row: Row) -> bool:
+    """Whether the law that was found explains the hidden effect: little of its drop is left."""
+    left, drop = row.get("left"), row["drop"]
+    if left is None or left >= min(CLEAR, EQUAL_SHARE * drop):
+        return False
+    return drop >= CLEAR or left < INDISTINCT
 
 
 def _in_structure(effect: str, row: Row) -> bool:
