@@ -180,6 +180,8 @@ def _draw(rng: Rng, kind: str) -> HardTrial:
     if effects:
         added, drops = _sized(rng, kind, choice[effects[0]](rng, axis), bias, nulls, bench)
     answers = bench.answers(base | bias | added, truth.FINE)
+    if kind == "single" and "spring_stiffness" in base:
+        _require_one_rest([angle for _, angle, *_ in answers])
     records = [
         (np.tile(u, n_periods), noise.measured(rng, y, n_periods))
         for u, (y, *_) in zip(commands, answers, strict=True)
@@ -197,6 +199,14 @@ def _draw(rng: Rng, kind: str) -> HardTrial:
     }
     models = {error: trials.null_model(rng, base, error) for error in ERRORS}
     return HardTrial(records, models, key, nulls, bench)
+
+
+def _require_one_rest(angles: list[np.ndarray]) -> None:
+    """A spring of its own holds the axis; a law strong enough to hold it elsewhere is another experiment."""
+    rest = [float(np.mean(angle)) for angle in angles]
+    motion = max(np.ptp(angle) for angle in angles)
+    if np.ptp(rest) > motion:
+        raise TruthError(f"rest angles {np.round(rest, 1)} deg, while the axis moves by {motion:.1f}")
 
 
 def _offset(rng: Rng, base: Params, peak_angle: float) -> Params:
@@ -220,7 +230,9 @@ def _sized(
     return params(size), [drop]
 
 
-def left_by(trial: HardTrial, effect: str, values: dict[str, float], offset: float | None = None) -> float:
+def left_by(
+    trial: HardTrial, effect: str, values: dict[str, float], beside: dict[str, dict[str, float]] | None = None
+) -> float:
     """What another law leaves of the hidden effect's drop, fitted by simulation to the answers without noise.
 
     Parameters
@@ -230,8 +242,9 @@ def left_by(trial: HardTrial, effect: str, values: dict[str, float], offset: flo
         Of the catalogue.
     values : dict of float
         Start of its parameters.
-    offset : float or None
-        Constant torque beside the law, from which its own is fitted. None keeps that of the trial.
+    beside : dict of dict, optional
+        Effects of the model that it was found in, with their values: the fit begins from them, and a
+        constant torque is fitted too. Without it, from the trial's own.
 
     Returns
     -------
@@ -241,10 +254,12 @@ def left_by(trial: HardTrial, effect: str, values: dict[str, float], offset: flo
     nulls, truth_params = trial.nulls, trial.key["truth"]
     names = [(CATALOGUE[effect][name], value) for name, value in values.items() if name in CATALOGUE[effect]]
     bias = {name: value for name, value in truth_params.items() if name == "bias_level"}
-    if offset is not None:
-        names.append(("bias_level", offset))
+    model = _named(beside or {})
+    names += [(name, model[name]) for name in ("bias_level",) if name in model]
     size = np.array([abs(value) or 1.0 for _, value in names])
-    none, start = np.ones(len(nulls.free)), np.array([value for _, value in names]) / size
+    start = np.array([value for _, value in names]) / size
+    none = np.array([model.get(name, nulls.base[name]) / nulls.base[name] for name in nulls.free])
+    none = np.where(none > 0, none, 1.0)  # a sign that is not the truth's
 
     def law(x: np.ndarray) -> Params:
         return {name: float(value) for (name, _), value in zip(names, x * size, strict=True)}
@@ -275,3 +290,14 @@ def left_by(trial: HardTrial, effect: str, values: dict[str, float], offset: flo
     except TruthError:
         return np.inf
     return 2 * float(fit.cost)
+
+
+def _named(effects: dict[str, dict[str, float]]) -> Params:
+    """Values of a model under the simulator's names."""
+    known = CATALOGUE | {"torque_bias": {"level": "bias_level"}}
+    return {
+        known[effect][name]: value
+        for effect, values in effects.items()
+        for name, value in values.items()
+        if name in known.get(effect, {})
+    }

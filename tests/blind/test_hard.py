@@ -88,12 +88,24 @@ def test_the_true_law_leaves_nothing_of_its_drop_and_another_one_most(friction):
     assert hard.left_by(friction, "cubic_spring", {"stiffness": 0.1}) > 0.2 * drop
 
 
-def test_the_offset_beside_the_law_is_fitted_when_its_start_is_given(friction):
+def test_a_trial_whose_realisations_rest_at_different_angles_is_drawn_again():
+    """Single 24 of seed 96014: at rest at 0 deg in one realisation, at 121 in the others."""
+    swing = 1.5 * np.sin(np.linspace(0, 2 * np.pi, 64))
+    hard._require_one_rest([swing, swing + 1.0])
+    with pytest.raises(truth.TruthError, match=r"120\.8"):
+        hard._require_one_rest([swing, swing + 120.8])
+
+
+def test_a_law_is_fitted_from_the_model_that_it_was_found_in(friction):
+    """With a constant torque of its own, and from a spring that the trial's own values are far from."""
     true = friction.key["effects"][0]["params"]
-    drop = friction.key["predicted_drop"][0]
-    law = {"level": true["level"]}
-    offset = friction.key["truth"].get("bias_level", 0.0) + 0.3 * true["level"]
-    assert hard.left_by(friction, "coulomb_friction", law, offset) < 0.01 * drop
+    truth_values, drop = friction.key["truth"], friction.key["predicted_drop"][0]
+    beside = {
+        "rigid_body": {"gain": 1.02 * truth_values["gain"]},
+        "cable_spring": {"stiffness": 1.02 * truth_values["spring_stiffness"]},
+        "torque_bias": {"level": truth_values.get("bias_level", 0.0) + 0.3 * true["level"]},
+    }
+    assert hard.left_by(friction, "coulomb_friction", dict(true), beside) < 0.01 * drop
 
 
 def test_shapes_come_from_wider_ranges_than_those_of_a_blind_trial():

@@ -154,8 +154,8 @@ def _left(trial: hard.HardTrial, found: gsid.Diagnosis) -> float | None:
     own = set(hard.CATALOGUE.get(effect, {}).values())
     if params is None or not own or own & trial.nulls.base.keys():  # the simulator has one of each
         return None
-    offset = next((one.params["level"].value for one in found.model.effects if one.id == "torque_bias"), None)
-    left = hard.left_by(trial, effect, params, offset)
+    beside = {one.id: {n: p.value for n, p in one.params.items()} for one in found.model.effects}
+    left = hard.left_by(trial, effect, params, beside)
     return left if np.isfinite(left) else None
 
 
