@@ -103,7 +103,7 @@ def resonant_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSettings
         return None
     lowest = min(in_band, key=lambda mode: mode.params["f_hz"].value)
     smaller = with_mode_as_body(model, lowest)
-    stays = [e for e in smaller.effects if e.id != MODE or e in in_band]
+    stays = [e for e in smaller.effects if e.id != MODE or e.params["f_hz"].free]
     return canonical_stack(replace(smaller, effects=stays), f_lo_hz, settings, merged=False)
 
 
@@ -125,8 +125,22 @@ def with_mode_as_body(model: PlantModel, mode: Effect) -> PlantModel:
         SPRING: {"stiffness": w0**2},
     }
     effects = [Effect(label, _free(params)) for label, params in of_body.items()]
-    effects += [e for e in model.effects if e.id not in of_body and e is not mode]
+    others = [e for e in model.effects if e.id not in of_body and e is not mode]
+    effects += [beside_body(e, values["residue"]) if e.id == MODE else e for e in others]
     return replace(model, effects=effects)
+
+
+def beside_body(mode: Effect, ratio: float) -> Effect:
+    """A mode beside another body: its residue is a share of the body's gain.
+
+    Parameters
+    ----------
+    mode : Effect
+    ratio : float
+        Gain of the other body over that of its own.
+    """
+    own = mode.params["residue"]
+    return replace(mode, params=mode.params | {"residue": replace(own, value=own.value / ratio)})
 
 
 def _resonates(stack: Stack) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.law_part import label_of
-from gsid.diagnosis.from_records.play import fit_play
+from gsid.diagnosis.from_records.play import DOUBTFUL, fit_play, kept_by_refits
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.leave_out import leave_out
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
@@ -195,7 +195,18 @@ class Simulations:
         except (GsidError, InputError, np.linalg.LinAlgError) as error:
             self.not_tried[BACKLASH] = f"it cannot be simulated: {error}"
             return None
-        return judged(fit, (BACKLASH,), self.settings) if fit else None
+        return self._judged_play(fit) if fit else None
+
+    def _judged_play(self, fit: PlantFit) -> Simulated:
+        """What it explains where it was not fitted; `judged` linearises, and the cost of play has steps."""
+        found = judged(fit, (BACKLASH,), self.settings)
+        if len(fit.records) < 2 or found.kept < DOUBTFUL * fit.cost_per_dof:
+            return found
+        try:
+            kept = kept_by_refits(fit, self.band, self.deadline.bounded(self.settings.moves_of_fit))
+        except (GsidError, InputError, OutOfTime):
+            return found
+        return replace(found, kept=kept)
 
     def _settles(self, model: PlantModel, deadline: Deadline) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""

@@ -6,7 +6,7 @@ values come from the response and from the measured motion of the load (`gsid.di
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 
 from gsid.base.deadline import Deadline, OutOfTime
@@ -24,6 +24,7 @@ WALLS = 3  # restarts from one record
 FORGIVEN = 0.5  # share of the cost without play: a fit that leaves more is not restarted
 SAME = 10.0  # fall of the cost by which a restart has to be better
 NOISE = 0.05  # p-value of noise at which a fit needs no restart
+DOUBTFUL = 2.0  # kept-out cost, linearised, over that of the fit, from which it is repeated by refits
 ENOUGH = 1.15  # cost per degree of freedom at which one that has converged needs none: only noise is left
 
 
@@ -96,24 +97,57 @@ def _beyond_the_walls(
     for _ in range(WALLS if n_records > 1 else 0):
         if _leaves_noise(fit) or deadline.is_over:
             break
-        try:
-            alone = [
-                fit_plant(fit.model, one, band=band, max_iter=LOOK, deadline=deadline) for one in measured
-            ]
-            order = sorted(range(n_records), key=lambda i: alone[i].cost_per_dof)
-            further = alone[order[0]]
-            if not further.converged:
-                first = measured[order[0]]
-                further = fit_plant(further.model, first, band=band, max_iter=ALONE, deadline=deadline)
-            for n in range(2, n_records + 1):
-                chosen = [measured[i] for i in sorted(order[:n])]
-                further = fit_plant(further.model, chosen, band=band, max_iter=ALONE, deadline=deadline)
-        except (GsidError, InputError, OutOfTime):
-            break
-        if further.cost > fit.cost - SAME:
-            break
-        fit = further
+        restarts = _restarts(fit, measured, band, deadline)
+        with suppress(GsidError, InputError, OutOfTime):
+            better = next((one for one in restarts if one.cost <= fit.cost - SAME), None)
+            if better is not None:
+                fit = better
+                continue
+        break
     return fit
+
+
+def _restarts(
+    fit: PlantFit, measured: Sequence[Spectra], band: tuple[float, float] | None, deadline: Deadline
+) -> Iterator[PlantFit]:
+    """Fits to all records: grown from the record that is fitted best alone, then from each record alone."""
+    how = {"band": band, "deadline": deadline}
+    alone = [fit_plant(fit.model, one, max_iter=LOOK, **how) for one in measured]
+    order = sorted(range(len(measured)), key=lambda i: alone[i].cost_per_dof)
+    further = alone[order[0]]
+    if not further.converged:
+        further = fit_plant(further.model, measured[order[0]], max_iter=ALONE, **how)
+    for n in range(2, len(measured) + 1):
+        chosen = [measured[i] for i in sorted(order[:n])]
+        further = fit_plant(further.model, chosen, max_iter=ALONE, **how)
+    yield further
+    for i in order:
+        longer = fit_plant(alone[i].model, measured[i], max_iter=ALONE, **how)
+        yield fit_plant(longer.model, measured, max_iter=ALONE, **how)
+
+
+def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: Deadline) -> float:
+    """Cost per number of the records, each simulated with the fit to the others, without linearisation.
+
+    Parameters
+    ----------
+    fit : PlantFit
+        Of several records.
+    band : (lo, hi) or None
+        Hz.
+    deadline : Deadline
+
+    Returns
+    -------
+    float
+        1 is noise.
+    """
+    cost = 0.0
+    for one in fit.records:
+        others = [other.spectra for other in fit.records if other is not one]
+        without = fit_plant(fit.model, others, band=band, max_iter=LOOK, deadline=deadline)
+        cost += one.cost_of(without.model)
+    return cost / len(fit.residual)
 
 
 def _leaves_noise(fit: PlantFit) -> bool:

@@ -19,6 +19,7 @@ from gsid.diagnosis.from_records.canonical import (
     LAGS,
     MODE,
     SPRING,
+    beside_body,
     canonical_stack,
     with_mode_as_body,
 )
@@ -98,18 +99,18 @@ def structures_for_play(
     Returns
     -------
     list of PlantModel
-        Three at most. The first is the fitted stack with its sharp modes alone; if the fit left none sharp,
-        with those of `found`. In the others the body is the element with the lowest resonance. Modes above
+        Three at most, whose body is the element with the lowest resonance. The first is the fitted stack with
+        its sharp modes alone; if the fit left none sharp, with those of `found`. In the others modes above
         the band are left out, and then the mode with the largest damping.
     """
-    sharp = _sharp_modes(fitted, settings) or _sharp_modes(found, settings)
-    of_fitted = _with_modes(_with_one_lag(fitted), sharp)
-    swapped = _with_one_lag(_lowest_as_body(found))
+    fitted, swapped = (_with_one_lag(_lowest_as_body(one)) for one in (fitted, found))
+    sharp = _sharp_modes(swapped, settings)
+    first = _with_modes(fitted, _beside(sharp, swapped, fitted) or _sharp_modes(fitted, settings))
     modes = sorted(_free_modes(swapped), key=lambda mode: mode.params["zeta"].value)
     fewer = [modes[:-1]] if modes else []
     is_swapped = sum(e.id == MODE for e in swapped.effects) < sum(e.id == MODE for e in found.effects)
     kept = [modes, *fewer] if is_swapped or not modes else fewer
-    tried = [of_fitted, *(_with_modes(swapped, some) for some in kept)]
+    tried = [first, *(_with_modes(swapped, some) for some in kept)]
     return [canonical_stack(one, f_lo_hz, settings, merged=False) for one in tried]
 
 
@@ -120,6 +121,12 @@ def _free_modes(model: PlantModel) -> list[Effect]:
 
 def _sharp_modes(model: PlantModel, settings: DecisionSettings) -> list[Effect]:
     return [one for one in _free_modes(model) if one.params["zeta"].value < settings.zeta_of_joint]
+
+
+def _beside(modes: list[Effect], own: PlantModel, other: PlantModel) -> list[Effect]:
+    """The modes of a model beside the body of another one: a residue is a share of the body's gain."""
+    gain, of_other = (one.stack()[BODY]["gain"] for one in (own, other))
+    return [beside_body(mode, of_other / gain) for mode in modes]
 
 
 def _with_modes(model: PlantModel, modes: list[Effect]) -> PlantModel:
@@ -150,9 +157,9 @@ def _fitted(run: Run, fits: Simulations, structure: PlantModel, work: Deadline) 
     run.on_step("fitting a simpler linear structure by simulation")
     try:
         start = linear_start(structure, run.measured)
-        null = fit_plant(start, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=run.deadline)
+        null = fit_plant(start, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return None
     most = run.settings.less_left * min(one.fit.cost for one in [run.null, *run.laws])
-    found = fits.fit_play(null, null.model, most, run.pruned, work)
+    found = fits.fit_play(null, structure, most, run.pruned, work)
     return found if found is not None and found.fit.cost < most else None
