@@ -4,15 +4,20 @@ import math
 from types import SimpleNamespace
 
 import hard
+import numpy as np
 import pytest
 from from_records_study import record_of
-from test_steps import BODY, DEFAULTS, DELAY, F_LO, LAG, SPRING, VISCOUS, mode, model, values
+from test_steps import BODY, DEFAULTS, DELAY, F_LO, FS_HZ, LAG, SPRING, VISCOUS, mode, model, values
 
 import gsid
-from gsid.diagnosis.from_records import equal_weights
+from gsid.base.deadline import Deadline, OutOfTime
+from gsid.diagnosis.from_records import confirm as confirming
+from gsid.diagnosis.from_records import equal_weights, play, seek_play
+from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
 from gsid.diagnosis.from_records.seek_play import structures_for_play
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
 from gsid.plant.effect import Effect, Param
+from gsid.plant.linear_response import linear_view
 
 JOINT = {"cable_spring": {"stiffness": 6e4}}  # 39 Hz: the body stands for the joint
 LOW = mode(3.0, residue=-0.5, zeta=0.25)  # the sprung body
@@ -71,6 +76,178 @@ def test_the_fitted_axis_with_its_sharp_modes_is_tried_first():
     assert modes_of(first) == {(90, 0.02)}
     assert values(first, "cable_spring") == SPRING["cable_spring"]
     assert values(first, "viscous_friction") == VISCOUS["viscous_friction"]
+
+
+def test_bug_a_mode_beside_another_body_changed_its_response():
+    """A residue is a share of the body's gain: with a body of half the gain and the other sign it was the
+    opposite half of the mode. The whole response, from sums of closed forms, stays."""
+    f_hz = np.array([1.0, 3.0, 20.0, 88.0, 150.0])
+    before = with_modes(model(BODY, VISCOUS, JOINT, LOW), mode(90.0))
+    body = response(BODY["rigid_body"]["gain"], VISCOUS["viscous_friction"]["rate"], 6e4, f_hz)
+    low, own = (p for p in (LOW["flexible_mode"], mode(90.0)["flexible_mode"]))
+    modes = sum(10.0 * p["residue"] * response(1.0, *resonance(p), f_hz) for p in (low, own))
+    np.testing.assert_allclose(
+        linear_view(before.stack(), f_hz, FS_HZ, held=False).change, body + modes, rtol=1e-12
+    )
+
+    after = with_mode_as_body(before, before.effects[3])
+    np.testing.assert_allclose(linear_view(after.stack(), f_hz, FS_HZ, held=False).change, modes, rtol=1e-12)
+    unsprung = with_modes(model(BODY, VISCOUS, LOW), mode(90.0))
+    of_play = structures_for_play(before, before, F_LO, DEFAULTS)[:2]
+    for stack in [resonant_stack(unsprung, F_LO, DEFAULTS), *of_play]:
+        assert values(stack, "flexible_mode")["residue"] == pytest.approx(0.2 / -0.5)
+
+
+def response(gain, rate, stiffness, f_hz):
+    s = 2j * np.pi * f_hz
+    return gain * s / (s**2 + rate * s + stiffness)
+
+
+def resonance(params):
+    w0 = 2 * np.pi * params["f_hz"]
+    return 2 * params["zeta"] * w0, w0**2
+
+
+def test_sharp_modes_of_the_start_stand_beside_the_body_of_the_fit():
+    """Of the start: a fit without play moves a mode and damps it, where it imitates the joint."""
+    start = with_modes(model(BODY, VISCOUS, SPRING, DELAY), mode(90.0))
+    fitted = with_modes(model({"rigid_body": {"gain": 20.0}}, VISCOUS, SPRING, DELAY), mode(95.0, zeta=0.05))
+    first, *_ = structures_for_play(start, fitted, F_LO, DEFAULTS)
+    assert modes_of(first) == {(90, 0.02)}
+    assert values(first, "rigid_body")["gain"] == 20.0
+    assert values(first, "flexible_mode")["residue"] == pytest.approx(0.1)
+    # Without a sharp mode in the start those of the fit are kept.
+    damped = with_modes(model(BODY, VISCOUS, SPRING, DELAY), mode(90.0, zeta=0.6))
+    first, *_ = structures_for_play(damped, fitted, F_LO, DEFAULTS)
+    assert modes_of(first) == {(95, 0.05)}
+
+
+def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(monkeypatch):
+    """And the search began at that fit, which imitates the joint, instead of at the structure."""
+    calls = []
+    null = SimpleNamespace(model="fitted")
+
+    def fit_plant(*_, deadline, **__):
+        deadline.check()
+        if deadline.moves_left == 0:
+            raise OutOfTime("")
+        return null
+
+    monkeypatch.setattr(seek_play, "fit_plant", fit_plant)
+    monkeypatch.setattr(seek_play, "linear_start", lambda structure, measured: structure)
+    structure, work = object(), Deadline().bounded(DEFAULTS.moves_of_play)
+    run = SimpleNamespace(
+        on_step=lambda text: None,
+        measured=[None],
+        band=None,
+        deadline=Deadline().bounded(0.0),  # that of the other fits is used up
+        settings=DEFAULTS,
+        null=SimpleNamespace(fit=SimpleNamespace(cost=100.0)),
+        laws=[],
+        pruned=None,
+    )
+    fits = SimpleNamespace(fit_play=lambda *how: calls.append(how))
+    assert seek_play._fitted(run, fits, structure, work) is None
+    ((of_null, given, most, _, its_work),) = calls
+    assert (of_null, given, its_work) == (null, structure, work)
+    assert most == DEFAULTS.less_left * 100.0
+
+
+# ---- restarts, and what is explained on records kept out -----------------------------------------------
+
+
+class Costs:
+    """A stand-in of `fit_plant`: a model is the path of records by which it was fitted, and has its cost."""
+
+    def __init__(self, costs):
+        self.costs, self.paths = costs, []
+
+    def __call__(self, path, measured, **_):
+        records = measured if isinstance(measured, str) else "".join(measured)
+        path = f"{path} {records}".strip()
+        self.paths.append(path)
+        return fit_of(path, self.costs.get(path, 1e3))
+
+
+def fit_of(path, cost):
+    shown = {"cost_per_dof": cost / 100, "noise_p_value": 0.5 if cost <= 100 else 0.0, "converged": False}
+    return SimpleNamespace(model=path, cost=cost, **shown)
+
+
+def restarted(monkeypatch, costs):
+    fits = Costs(costs)
+    monkeypatch.setattr(play, "fit_plant", fits)
+    found = play._beyond_the_walls(fit_of("", 900.0), ["a", "b", "c"], None, Deadline())
+    return found.model, fits.paths
+
+
+def test_play_is_grown_from_the_record_that_is_fitted_best_alone(monkeypatch):
+    grown = "b b bc abc"  # b was left by its first look without convergence
+    costs = {"a": 300.0, "b": 100.0, "c": 200.0, grown: 100.0}
+    assert restarted(monkeypatch, costs) == (grown, ["a", "b", "c", "b b", "b b bc", grown])
+
+
+def test_bug_play_was_restarted_from_the_best_record_alone(monkeypatch):
+    """The values of another record led to the truth: each is tried where the grown fit is no better."""
+    costs = {"a": 300.0, "b": 100.0, "c": 200.0, "b b bc abc": 895.0, "c c abc": 100.0}
+    found, paths = restarted(monkeypatch, costs)
+    assert found == "c c abc"
+    assert paths[5:] == ["b b bc abc", "b b", "b b abc", "c c", "c c abc"]
+
+
+def test_a_restart_of_play_has_to_be_better(monkeypatch):
+    costs = {"b": 100.0, "b b bc abc": 900.0 - play.SAME + 0.1}
+    found, paths = restarted(monkeypatch, costs)
+    assert found == ""
+    assert paths[-1].endswith(" abc")
+    assert sum(path.endswith(" abc") for path in paths) == 4  # the grown one, and from each record
+
+
+def steps_of(kept_cost):
+    """A fit of two records whose refit without one predicts it with a cost."""
+    records = [SimpleNamespace(spectra=name, cost_of=lambda model: kept_cost[model]) for name in "ab"]
+    return SimpleNamespace(model="all", records=records, residual=np.zeros(10), cost_per_dof=1.0)
+
+
+def test_play_is_judged_by_refits_without_each_record(monkeypatch):
+    left = []
+
+    def fit_plant(model, others, **_):
+        left.append((model, others))
+        return SimpleNamespace(model=f"without {'b' if others == ['a'] else 'a'}")
+
+    monkeypatch.setattr(play, "fit_plant", fit_plant)
+    kept = play.kept_by_refits(steps_of({"without a": 3.0, "without b": 9.0}), None, Deadline())
+    assert left == [("all", ["b"]), ("all", ["a"])]
+    assert kept == 12.0 / 10
+
+
+@pytest.mark.parametrize(
+    ("linearised", "refits", "kept"),
+    [(1.9, 1.2, 1.9), (2.1, 1.2, 1.2), (2.1, 7.0, 7.0), (2.1, OutOfTime(""), 2.1)],
+)
+def test_bug_the_steps_of_the_cost_hid_what_play_explains(monkeypatch, linearised, refits, kept):
+    """A fit with a cost of 1.83 was said to explain nothing on the records kept out."""
+
+    def by_refits(fit, band, deadline):
+        assert deadline.moves_left == DEFAULTS.moves_of_fit
+        if isinstance(refits, Exception):
+            raise refits
+        return refits
+
+    judged = confirming.Simulated(("gear_backlash",), None, True, linearised, 0.0, 0.0)
+    monkeypatch.setattr(confirming, "judged", lambda *_: judged)
+    monkeypatch.setattr(confirming, "kept_by_refits", by_refits)
+    fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None)
+    assert fits._judged_play(steps_of({})).kept == kept
+
+
+def test_play_in_one_record_is_judged_by_its_thirds(monkeypatch):
+    judged = confirming.Simulated(("gear_backlash",), None, True, 5.0, 0.0, 0.0)
+    monkeypatch.setattr(confirming, "judged", lambda *_: judged)
+    fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None)
+    one = SimpleNamespace(records=[None], cost_per_dof=1.0)
+    assert fits._judged_play(one) is judged
 
 
 @pytest.mark.long
