@@ -10,7 +10,7 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
-from gsid.diagnosis.from_records.law_part import without
+from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
@@ -100,12 +100,11 @@ def _fit_null_again(run: Run, fits: Simulations) -> None:
     """
     if run.null is None or run.final is None or run.decision.verdict not in (MISSING, NEAREST):
         return
-    known, stack = run.null.model.stack(), run.final.model.stack()
-    added = [label.partition("#")[0] for label in stack if label not in known]
-    again = fits.fit(without(run.final.model, added), ())
-    if again is not None and again.cost < run.null.cost - NOTEWORTHY:
-        run.null = again
-        run.decide()
+    for start in without_added(run.final.model, run.null.model):
+        again = fits.fit(start, ())
+        if again is not None and again.cost < run.null.cost - NOTEWORTHY:
+            run.null = again
+            run.decide()
 
 
 def _fit_drive(run: Run, fits: Simulations) -> None:

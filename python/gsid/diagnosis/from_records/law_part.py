@@ -10,6 +10,7 @@ import numpy as np
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records.draft import LINEAR_PARTS
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
+from gsid.effects.types import find
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
@@ -113,3 +114,23 @@ def without(model: PlantModel, effects: Sequence[str]) -> PlantModel:
     last = {label_of(model, effect) for effect in effects}
     stays = [one for label, one in model.labels() if label not in last]
     return replace(model, effects=stays, cov=None, cov_names=None, fit=None)
+
+
+def without_added(model: PlantModel, null: PlantModel) -> list[PlantModel]:
+    """A fitted model without what was added to another one; if that is a mode, also without each other.
+
+    Two modes may exchange their places during a fit.
+
+    Parameters
+    ----------
+    model : PlantModel
+        With at least one effect more.
+    null : PlantModel
+    """
+    added = [label.partition("#")[0] for label in model.stack() if label not in null.stack()]
+    base = without(model, added)
+    if all(find(effect).linear_part != "mode" for effect in added):
+        return [base]
+    modes = [one for one in base.effects if one.type.linear_part == "mode"]
+    without_each = [[one for one in model.effects if one is not mode] for mode in modes]
+    return [base, *(replace(base, effects=stays) for stays in without_each)]
