@@ -30,11 +30,10 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
     return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
 
 
-def decision(best, *others, null=100.0, beaten_by=(), all_linear=True, left=()):
-    evidence = Evidence(
-        fit("", null), [best, *others], beaten_by, DEFAULTS, (), all_linear, what_is_left=lambda _: dict(left)
-    )
-    return decide(evidence)
+def decision(best, *others, null=100.0, beaten_by=(), all_linear=True, left=(), doubts=()):
+    asked = {"what_is_left": lambda _: dict(left), "doubts": lambda *_: list(doubts)}
+    laws = [best, *others]
+    return decide(Evidence(fit("", null), laws, beaten_by, DEFAULTS, (), all_linear, **asked))
 
 
 RIVAL = fit(OTHER_FAMILY, 60.0)
@@ -316,6 +315,11 @@ def test_a_law_whose_rest_depends_on_a_coordinate_is_the_nearest(p_value, verdic
 
 def test_where_more_than_noise_is_left_its_coordinates_are_not_asked_for():
     assert decision(fit(LAW, 2.0), RIVAL, left={"the rate": 0.0}).verdict == "missing_effect"
+
+
+def test_a_law_that_is_in_doubt_is_the_nearest():
+    found = decision(fit(LAW, 1.0), RIVAL, doubts=("It is on one line.",))
+    assert (found.verdict, found.reasons) == ("nearest_effect", ("It is on one line.",))
 
 
 @pytest.mark.parametrize(("error", "verdict"), [(0.29, "missing_effect"), (0.31, "nearest_effect")])

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.doubts import doubts
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -38,6 +39,8 @@ class Evidence:
         Whether a linear effect may be missing and all of them were tried: else one may stand for another.
     what_is_left : callable
         p-values of what a fit leaves, by coordinate.
+    doubts : callable
+        What speaks against a law, from its fit and that of the linear part.
     """
 
     null: Simulated
@@ -47,6 +50,7 @@ class Evidence:
     taken_over_by: tuple[str, ...] = ()
     all_linear: bool = True
     what_is_left: Callable[[PlantFit], Mapping[str, float]] = what_is_left
+    doubts: Callable[[PlantFit, PlantFit, str, DecisionSettings], list[str]] = doubts
 
     @property
     def has_model_error(self) -> bool:

@@ -107,7 +107,8 @@ class DecisionSettings:
         effect has no large ratio.
     linear_drop : float
         The same of a linear effect against nothing missing. Chance reaches 30, with the three parameters of a
-        mode at the best of some hundred frequencies.
+        mode at the best of some hundred frequencies. Also of each law beside the line where it explains most,
+        if a disturbance at a fixed frequency may have caused that.
     linear_odds : float
         Least odds of a linear effect against other linear effects, and against laws, where only noise is
         left: those of the linear structure. Its rivals are complete, and were fitted as well.

@@ -155,4 +155,5 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
             " or a second effect is missing."
             for name, p_value in evidence.depends_on(best).items()
         ]
+        reasons += evidence.doubts(evidence.null.fit, best.fit, best.effects[0], settings)
     return reasons

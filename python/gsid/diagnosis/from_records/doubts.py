@@ -1,0 +1,143 @@
+"""Doubts about a law that is far better than nothing: one line, a mode without resonance, a limit of shapes.
+
+A disturbance at a fixed frequency, such as a fan, leaves one line that is no noise, and a narrow mode fits
+it in some of the records. A mode far above the band, or heavily damped, is a lag or a delay to the data.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from gsid.diagnosis.from_records.law_part import label_of
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.effects.types import find
+from gsid.greybox.fit import PlantFit
+from gsid.plant.effect import Effect, Param
+from gsid.structure.settings import StructureSettings
+
+MANY_SHAPES = 3  # parameters of a law that has laws of other families as limits
+
+
+def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSettings) -> list[str]:
+    """What speaks against naming a law, one sentence each.
+
+    Parameters
+    ----------
+    null, fit : PlantFit
+        To the same records, without and with the law.
+    effect : str
+        The law.
+    settings : DecisionSettings
+    """
+    found, line = [], strongest_line(null, fit)
+    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(settings.p_left):
+        found.append(
+            f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
+            f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
+        )
+    if find(effect).linear_part == "mode" and n_resonances(fit, settings) <= n_resonances(null, settings):
+        found.append(
+            f"With {effect} the model has no further resonance that the data resolve within"
+            f" {fit.band_hz[0]:.4g} to {fit.band_hz[1]:.4g} Hz: a lag or a delay may do the same."
+        )
+    found += [
+        f"The data do not determine {name} ({param.value:.2g} +- {_std(param):.2g}):"
+        " at a limit of its shapes a law may be another one."
+        for name, param in _undetermined(fit, effect).items()
+    ]
+    return found
+
+
+@dataclass(frozen=True)
+class StrongestLine:
+    """The line where a law explains most, in all records that have it.
+
+    Attributes
+    ----------
+    f_hz : float
+    before, after : float
+        Cost on this line without and with the law.
+    n_records : int
+    elsewhere : float
+        Fall of the cost on all other lines together.
+    """
+
+    f_hz: float
+    before: float
+    after: float
+    n_records: int
+    elsewhere: float
+
+    def may_be_disturbance(self, p_least: float) -> bool:
+        """Whether the line is not explained in all records: a law answers to the command of each.
+
+        Parameters
+        ----------
+        p_least : float
+            p-value of what is left on the line, below which it is more than noise.
+        """
+        return self.n_records < 2 or float(special.chdtrc(2 * self.n_records, self.after)) < p_least
+
+
+def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
+    """The line where the cost falls most between two fits.
+
+    Parameters
+    ----------
+    null, fit : PlantFit
+        To the same records.
+    """
+    spacing_hz = max(one.spectra.f_hz[1] - one.spectra.f_hz[0] for one in fit.records)
+    lines = [np.rint(one.spectra.f_hz[one.line] / spacing_hz).astype(int) for one in fit.records]
+    line, n_records = np.concatenate(lines), np.bincount(np.concatenate([np.unique(one) for one in lines]))
+    before, after = (np.bincount(line, np.concatenate(_costs(each))) for each in (null, fit))
+    fall = before - after
+    i = int(np.argmax(fall))
+    elsewhere = float(np.sum(fall) - fall[i])
+    return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), int(n_records[i]), elsewhere)
+
+
+def _costs(fit: PlantFit) -> list[np.ndarray]:
+    """Cost on each line of each record."""
+    return [np.sum(np.split(one.residual**2, 2), axis=0) for one in fit.records]
+
+
+def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
+    """Number of modes of a fitted model that are resonances within the band, beyond their uncertainty.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    settings : DecisionSettings
+    """
+    modes = [one for one in fit.model.effects if one.type.linear_part == "mode"]
+    return sum(_is_resonance(one, fit.band_hz, settings) for one in modes)
+
+
+def _is_resonance(mode: Effect, band_hz: tuple[float, float], settings: DecisionSettings) -> bool:
+    f_hz, zeta, residue = (mode.params[name] for name in ("f_hz", "zeta", "residue"))
+    std_hz = _std(f_hz)
+    in_band = band_hz[0] <= f_hz.value - std_hz and f_hz.value + std_hz <= band_hz[1]
+    has_peak = zeta.value <= StructureSettings().zeta_max
+    return in_band and has_peak and abs(residue.value) >= settings.significant * _std(residue)
+
+
+def _undetermined(fit: PlantFit, effect: str) -> dict[str, Param]:
+    """Positive parameters of a law of many shapes that are within a standard deviation of zero."""
+    kind = find(effect)
+    if len(kind.parameters) < MANY_SHAPES:
+        return {}
+    (params,) = [one.params for label, one in fit.model.labels() if label == label_of(fit.model, effect)]
+    positive = {f"{effect}.{name}": param for name, param in params.items() if kind[name].lower >= 0}
+    return {name: param for name, param in positive.items() if param.value <= _std(param)}
+
+
+def _std(param: Param) -> float:
+    """Standard deviation; 0 of a fixed parameter, infinite of one that the data do not determine."""
+    if not param.free:
+        return 0.0
+    return math.inf if param.std is None or math.isnan(param.std) else param.std
