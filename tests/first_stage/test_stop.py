@@ -7,7 +7,7 @@ from from_records_study import record_of
 from test_steps import BODY, SPRING, VISCOUS, model
 
 import gsid
-from gsid.diagnosis.from_records.seek_stop import Edges, edges_along_motion, with_edges
+from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, with_edges
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.spectrum.realisation import spectra_of
@@ -71,6 +71,17 @@ def test_edges_about_another_middle_are_stops_beside_a_constant_torque(low, high
 def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
     problem = Problem(truth_of(trial), measured[:2], None, DEFAULTS)
     assert edges_along_motion(problem, linear_part(truth_of(trial))) is None
+
+
+def test_bug_a_stop_that_one_side_hits_was_nearest_to_a_cubic_spring():
+    """From the symmetrical start its fit ended 174 above the one from the edges (seed 97011, single 31)."""
+    trial = hard.make_hard(97011, 31, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+    values = {e.id: {name: p.value for name, p in e.params.items()} for e in found.model.effects}
+    truth = trial.key["truth"]
+    assert values["hard_stop"]["angle_deg"] == pytest.approx(truth["stop_angle_deg"], rel=0.05)
+    assert values["hard_stop"]["stiffness"] == pytest.approx(truth["stop_stiffness"], rel=0.2)
 
 
 @pytest.mark.long

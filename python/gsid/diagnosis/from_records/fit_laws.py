@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsid.base.deadline import OutOfTime
+from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
 )
@@ -14,8 +16,10 @@ from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
+from gsid.diagnosis.from_records.stop_edges import STOP, shifted_stop
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.from_records.working_point import BIAS, CUBIC, cubic_in_place_of_cogging
+from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 
@@ -154,15 +158,37 @@ def _add_bias(run: Run, fits: Simulations) -> None:
         if fitted is not None and evidence.is_worse(one, fitted):
             run.laws[i] = fitted
     _try_cubic(run, fits, best)
+    _try_stop(run, fits, best)
     run.decide()
 
 
 def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
     """A cubic spring that a constant torque has shifted, in place of a cogging that is the best law."""
-    model = None if CUBIC in run.without else cubic_in_place_of_cogging(best)
-    fitted = fits.fit(model, (CUBIC,), best.cost) if model is not None else None
-    if fitted is None:
+    if CUBIC not in run.without:
+        _try_in_place(run, fits, cubic_in_place_of_cogging(best), CUBIC, best)
+
+
+def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
+    """A stop that a constant torque has shifted, in place of a law of the angle that is the best one.
+
+    One side alone then hits it: from a symmetrical start the fit ends in a wrong minimum.
+    """
+    is_of_angle = find(best.effects[0]).c.looks_at_angle and find(best.effects[0]).linear_part is None
+    known = {effect.id for effect in run.null.model.effects}
+    if STOP in run.without or not is_of_angle or known & {STOP, BIAS} or run.deadline.is_over:
         return
-    known = [one for one in run.laws if one.effects == (CUBIC,)]
+    try:
+        start = shifted_stop(run.null.model, run.measured, run.band, run.deadline)
+    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        return
+    _try_in_place(run, fits, start, STOP, best)
+
+
+def _try_in_place(run: Run, fits: Simulations, model: PlantModel | None, law: str, best: Simulated) -> None:
+    """A law from another start, in place of its own fit if it costs less."""
+    fitted = fits.fit(model, (law,), best.cost) if model is not None else None
+    if fitted is None or fitted.cost >= run.null.cost:
+        return
+    known = [one for one in run.laws if one.effects == (law,)]
     if not known or fitted.cost < known[0].cost:
-        run.laws = [one for one in run.laws if one.effects != (CUBIC,)] + [fitted]
+        run.laws = [one for one in run.laws if one.effects != (law,)] + [fitted]

@@ -1,0 +1,160 @@
+"""Edges of a stop along the measured motion: where its fit by simulation starts.
+
+The torque that is missing beside a linear part is zero between two edges and steep beyond. The edges need not
+lie symmetrically: a constant torque shifts the middle of the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records.canonical import SPRING
+from gsid.diagnosis.missing_torque.linear_fit import torque_columns
+from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+STOP, BIAS = "hard_stop", "torque_bias"
+LOUD = 0.8  # least input of a record of the high level, relative to the largest
+SHARES = np.linspace(0.1, 1.0, 10)  # of the travel to each side: edges that are tried
+
+
+def at_high_level(measured: Sequence[Spectra]) -> tuple[list[Spectra], list[Spectra]]:
+    """The records of the high level, and the others.
+
+    Parameters
+    ----------
+    measured : sequence of Spectra
+    """
+    inputs = [float(np.linalg.norm(one.u)) for one in measured]
+    pairs = list(zip(measured, inputs, strict=True))
+    most = LOUD * max(inputs)
+    return [one for one, size in pairs if size >= most], [one for one, size in pairs if size < most]
+
+
+def shifted_stop(
+    linear: PlantModel, measured: Sequence[Spectra], band: tuple[float, float] | None, deadline: Deadline
+) -> PlantModel | None:
+    """A linear part with a stop and a constant torque, from what is missing at the high level.
+
+    Parameters
+    ----------
+    linear : PlantModel
+        Fitted: a law of the angle beside it would have changed the spring.
+    measured : sequence of Spectra
+    band : (lo, hi) or None
+        Hz.
+    deadline : Deadline
+
+    Returns
+    -------
+    PlantModel or None
+        None without edges that explain anything.
+    """
+    loud, _ = at_high_level(measured)
+    problem = Problem(linear, loud, band, DEFAULTS, deadline)
+    edges = edges_along_motion(problem, linear_part(linear), most_left=1.0)
+    return with_edges(linear, edges) if edges is not None and edges.stiffness > 0 else None
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Where the missing torque begins on each side, from the mean angle of a record.
+
+    Attributes
+    ----------
+    low, high : float
+        Angles [unit of the axis].
+    stiffness : float
+        Of both stops [1/s^2].
+    mean_torque : float
+        Mean of their torque over the record.
+    record : int
+        Number of the record.
+    left : float
+        Share of the misfit that remains.
+    """
+
+    low: float
+    high: float
+    stiffness: float
+    mean_torque: float
+    record: int
+    left: float
+
+
+def edges_along_motion(problem: Problem, part: LinearPart, most_left: float = 0.5) -> Edges | None:
+    """Edges and stiffness that explain most of what the linear part leaves of one record.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the records of the high level.
+    part : LinearPart
+    most_left : float
+        Largest share of the misfit that remains: noise is a part of it.
+
+    Returns
+    -------
+    Edges or None
+        None if more remains.
+    """
+    error = problem.error(part, problem.commands)
+    here = problem.responses(part)
+    found = []
+    for i, motion in enumerate(motions(problem, part)):
+        rows = problem.rows_of(i)
+
+        def fit(
+            edges: Sequence[float], i: int = i, rows: np.ndarray = rows, motion: Motion = motion
+        ) -> Edges:
+            shape = _beyond(motion.angle, *edges)
+            lines = [np.zeros((1, len(r.line)), complex) for r in problem.records]
+            lines[i][0] = motion.lines(shape, problem.records[i].line)
+            column = torque_columns(problem, part, lines, here)[rows, 0]
+            power = float(column @ column)
+            stiffness = max(-float(column @ error[rows]) / power, 0.0) if power > 0 else 0.0
+            rest = error[rows] + stiffness * column
+            left = float(rest @ rest) / float(error[rows] @ error[rows])
+            return Edges(edges[0], edges[1], stiffness, stiffness * float(shape.mean()), i, left)
+
+        least, most = float(motion.angle.min()), float(motion.angle.max())
+        grid = [fit((a * least, b * most)) for a in SHARES for b in SHARES]
+        first = min(grid, key=lambda one: one.left)
+        better = optimize.minimize(
+            lambda x, fit=fit: fit(x).left,
+            (first.low, first.high),
+            method="Nelder-Mead",
+            options={"maxfev": 80},
+        )
+        found.append(fit(better.x))
+    best = min(found, key=lambda one: one.left)
+    return best if best.left < most_left and best.low < best.high else None
+
+
+def _beyond(angle: np.ndarray, low: float, high: float) -> np.ndarray:
+    return np.maximum(angle - high, 0.0) + np.minimum(angle - low, 0.0)
+
+
+def with_edges(model: PlantModel, edges: Edges) -> PlantModel:
+    """The model with stops at these edges, and with the constant torque that shifts the motion between them.
+
+    Parameters
+    ----------
+    model : PlantModel
+    edges : Edges
+    """
+    half, mean = (edges.high - edges.low) / 2, -(edges.high + edges.low) / 2
+    stopped = model.with_effect(STOP, {"angle_deg": half, "stiffness": edges.stiffness})
+    springs = [effect for effect in model.effects if effect.id == SPRING]
+    if not springs:
+        return stopped
+    level = -springs[0].params["stiffness"].value * mean - edges.mean_torque
+    return stopped.with_effect(BIAS, {"level": level})
