@@ -38,6 +38,7 @@ def entries():
     return corpus()
 
 
+@pytest.mark.long
 def test_no_bad_input_ends_otherwise(tmp_path):
     """Of 434 bad inputs 22 ended with 4, 7 with 2, and one wrong byte of a .mat ended the process."""
     parts = [

@@ -92,6 +92,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("used", PROGRAMS)
 @pytest.mark.parametrize("compiler", ["gcc", "arm"])
 def test_a_program_is_not_much_larger_than_with_the_library(two_files, tmp_path, compiler, used):

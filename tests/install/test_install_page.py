@@ -13,6 +13,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
 
 
+@pytest.mark.long
 def test_the_commands_of_the_page_run(tmp_path):
     require("cmake", "pkg-config")
     script = "set -eu\n" + "".join(blocks("sh"))

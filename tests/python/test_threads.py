@@ -73,6 +73,7 @@ def test_every_function_of_the_host_headers_is_called_in_threads(in_threads):
     assert declared - called(in_threads) == NOT_CALLED
 
 
+@pytest.mark.long
 def test_children_forked_beside_threads_do_not_hang():
     """Bug: a child hung in 1 of 5 cases, on a lock that a thread of the parent held."""
     assert run("forked_jobs.py", N_FORKS, SEED, seconds=300) == {"ended": [0] * N_FORKS, "alive": True}

@@ -67,6 +67,7 @@ def test_without_friction_the_order_is_that_of_the_noise(seed):
     assert same.cov_noise is None
 
 
+@pytest.mark.long
 def test_a_linear_axis_with_a_total_variance_too_large_keeps_its_order():
     """Local models do not follow narrow resonances without noise: what they leave is no distortion."""
     response = frf_with_distortion(simulated(0.0, 5))
