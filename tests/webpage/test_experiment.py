@@ -132,7 +132,10 @@ def assert_stop(u):
 
 
 def stop_of(applied, after_s):
-    """Time of STOP after a moment [s], which is read before the request: STOP may come within 0.3 ms of it."""
+    """Time of STOP after a moment [s].
+
+    The moment is read before the request: STOP may come within 0.3 ms of it.
+    """
     t_s, _, u = applied
     assert_stop(u)
     print(f"the STOP frame came {1e3 * (t_s[-1] - after_s):.0f} ms after the request")
