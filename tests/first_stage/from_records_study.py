@@ -341,6 +341,8 @@ def _figures(rows: Sequence[Row]) -> list[str]:
             (outcome(row) in RIGHT for row in clear),
             Limit(">= 99 %", 0.99, 1),
         ),
+        _figure("of these, first in it or in the structure", map(_is_first, clear)),
+        _figure("of these, alone in it or in the structure", map(_is_alone, clear)),
         _figure("singles confidently wrong", wrong(single), few),
         _figure("true family taken out, confidently wrong", wrong(removed), few),
         _figure("nulls named", wrong(null), Limit("<= 10 of 1000", 0.01, -1)),
@@ -357,6 +359,15 @@ def _figures(rows: Sequence[Row]) -> list[str]:
 def _is_rejected(row: Row) -> bool:
     """Whether noise does not explain what the linear part leaves; no linear part is one that does not."""
     return row.get("p_value") is None or row["p_value"] < ALPHA
+
+
+def _is_first(row: Row) -> bool:
+    """Whether the first law of a right answer is the hidden one: others of the group are not excluded."""
+    return outcome(row) in RIGHT and reliability.known_as(row["hidden"]) >= set(row["effects"][:1])
+
+
+def _is_alone(row: Row) -> bool:
+    return _is_first(row) and len(row["effects"]) < 2
 
 
 def _by_start(rows: Sequence[Row]) -> list[str]:

@@ -31,12 +31,12 @@ def plant(values):
     return gsid.PlantModel(FS_HZ, effects, y_unit="deg/s")
 
 
-def measured(truth, rng, levels=(1.0, 4.0)):
+def measured(truth, rng, levels=(1.0, 4.0), noise=0.05):
     """Records of a plant at two levels, with white noise."""
     records = []
     for i, level in enumerate(levels):
         u = Multisine.design(FS_HZ, N, (2, 100), rms=level, phases="random", seed=i).table()
-        y = np.tile(truth.simulate(u).y, PERIODS) + 0.05 * rng.standard_normal(PERIODS * N)
+        y = np.tile(truth.simulate(u).y, PERIODS) + noise * rng.standard_normal(PERIODS * N)
         records.append(gsid.Record(np.tile(u, PERIODS), y, FS_HZ, N, 0, hold="zoh", y_unit="deg/s"))
     return [gsid.spectra(one) for one in records]
 

@@ -7,6 +7,7 @@ and Fedorov; DIA-6).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
 ENOUGH = 10.0  # expected difference in cost that distinguishes two effects
+MOST_PERIODS = 10.0  # of an experiment that is advised, in periods measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +138,18 @@ def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tupl
     names : (str, str)
         Names of the two effects.
     """
-    ranked = next_experiment(first, second, measured)
-    if not ranked or ranked[0].separation < ENOUGH:
+    ranked, n_periods = next_experiment(first, second, measured), measured.n_periods
+    least = ENOUGH / MOST_PERIODS  # over as many periods as measured
+    if not ranked or ranked[0].separation < least:
         return f"No experiment of the menu distinguishes {names[0]} from {names[1]} at this noise level."
     best = ranked[0]
+    expected = best.separation
+    if expected < ENOUGH:  # it grows with the number of periods
+        n_periods, expected = math.ceil(n_periods * ENOUGH / expected), ENOUGH
     return (
         f"To distinguish {names[0]} from {names[1]}: {best.words} (command up to {best.peak:.3g}, travel of "
-        f"{best.travel:.3g} {first.angle_unit}; expected difference in cost {best.separation:.0f} over "
-        f"{measured.n_periods} periods)."
+        f"{best.travel:.3g} {first.angle_unit}; expected difference in cost {expected:.0f} over "
+        f"{n_periods} periods)."
     )
 
 

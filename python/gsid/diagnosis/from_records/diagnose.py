@@ -21,6 +21,7 @@ from gsid.diagnosis.from_records.equal_weights import weigh_model_error
 from gsid.diagnosis.from_records.find_structure import find_structure
 from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.larger_laws import add_larger_laws
 from gsid.diagnosis.from_records.mend_structure import mend_structure
 from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.from_records.rounds import Rounds
@@ -127,6 +128,8 @@ def diagnose_records(
                         check_series(rounds)
                     if rounds is None or len(rounds.kept) + len(rounds.near) <= 1:
                         weigh_model_error(run)
+                    for one in rounds.effects if rounds else [run]:
+                        add_larger_laws(one)
         except KeyboardInterrupt:
             if run.draft is None:
                 raise

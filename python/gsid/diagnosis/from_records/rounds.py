@@ -72,6 +72,11 @@ class Rounds:
         """The fit with all effects found."""
         return self.kept[-1].final if self.kept else None
 
+    @property
+    def effects(self) -> list[Run]:
+        """One round for each effect that is named or nearest; that of the given model alone without one."""
+        return [*self.kept, *self.near] or [self.first]
+
     def run(self) -> None:
         """Look for further effects beside the first."""
         taken = [self.first]

@@ -133,6 +133,11 @@ class DecisionSettings:
         Rise of the cost up to which a simpler law of the family that leaves only noise stays in the group:
         two more parameters reach 12 in one of 400 cases (chi-square), and a Coulomb friction was named
         Stribeck friction at 13.
+    different : float
+        Least difference of the torque of a larger law from that of the best one, over its rms, for a shape
+        that matters: a friction that is twice as large at low speed differs by 0.2 to 0.4.
+    peak_most : float
+        Largest peak of such a torque, over that of the best law: more friction at rest is unusual.
     member_ratio : float
         What a simpler law of the family has to leave, kept out, over what the best leaves, to be worse where
         a model error is left.
@@ -193,6 +198,8 @@ class DecisionSettings:
     scatter_errors: float = 2.5
     worse: float = 12.0
     clearly_worse: float = 25.0
+    different: float = 0.25
+    peak_most: float = 2.0
     member_ratio: float = 2.0
     worse_share: float = 0.1
 

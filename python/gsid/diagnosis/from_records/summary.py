@@ -181,7 +181,7 @@ def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) ->
 
 def _next_experiment(run: Run) -> str:
     """An experiment that distinguishes the first two members of the group."""
-    by_effect = {one.effects[0]: one.model for one in run.laws}
+    by_effect = {one.effects[0]: one.model for one in run.laws} | run.larger
     group = [effect for effect in run.decision.effects if effect in by_effect][:2]
     if len(group) < 2 or run.interrupted or run.deadline.is_over:
         return ""

@@ -36,7 +36,7 @@ def what_is_left(fit: PlantFit) -> dict[str, float]:
     model = fit.model
     if model.has_controller or any(effect.id == BACKLASH for effect in model.effects):
         return {}
-    linear, functions = _columns(_along_simulated_motion(fit), linear_part(model))
+    linear, functions = _columns(along_simulated_motion(fit), linear_part(model))
     known = basis(np.hstack([fit.jacobian, fit.whitened(linear)]))
     scale = max(fit.cost_per_dof, 1.0)
     found = {}
@@ -48,7 +48,13 @@ def what_is_left(fit: PlantFit) -> dict[str, float]:
     return {name: min(len(found) * p_value, 1.0) for name, p_value in found.items()}
 
 
-def _along_simulated_motion(fit: PlantFit) -> Problem:
+def along_simulated_motion(fit: PlantFit) -> Problem:
+    """Records of a fit, with the motion of its simulation.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    """
     measured = [one.spectra for one in fit.records]
     along = [replace(r.spectra, Y=r.spectra.Y - r.spectra.y + r.prediction.Y) for r in fit.records]
     return Problem(fit.model, measured, fit.band_hz, DEFAULTS, along=along)

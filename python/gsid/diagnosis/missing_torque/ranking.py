@@ -147,8 +147,8 @@ class Scan:
         flat = columns.reshape(-1, p.n_rows).T
         flat = self.freed(flat)
         columns = flat.T.reshape(columns.shape)
-        solved = [_solved(each, -error, law.lower) for each in columns]
-        return np.array([gain for gain, _ in solved]), np.array([c for _, c in solved])
+        found = [solved(each, -error, law.lower) for each in columns]
+        return np.array([gain for gain, _ in found]), np.array([c for _, c in found])
 
     def command_gains(self, law: Law, shapes: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Gains (s,) of a map of the command; its coefficient is 1.
@@ -166,8 +166,16 @@ class Scan:
         return error @ error - np.sum(left**2, axis=0)
 
 
-def _solved(columns: np.ndarray, target: np.ndarray, lower: np.ndarray) -> tuple[float, np.ndarray]:
-    """Gain and coefficients of columns (c, n_rows) for a target, with their least values."""
+def solved(columns: np.ndarray, target: np.ndarray, lower: np.ndarray) -> tuple[float, np.ndarray]:
+    """Gain and coefficients of columns for a target.
+
+    Parameters
+    ----------
+    columns : (c, n_rows) ndarray
+    target : (n_rows,) ndarray
+    lower : (c,) ndarray
+        Least coefficients: 0 or none.
+    """
     size = np.linalg.norm(columns, axis=1)
     if not np.all(size > 0):
         return 0.0, np.zeros(len(columns))
@@ -416,7 +424,7 @@ def _linear_candidate(
     (parameter,) = effect.parameters
     small = 1e-4 * parameter.typical
     column = _change(scan, with_linear(scan.fit.part, effect, small)) / small
-    most, c = _solved(column[None, :], -error, np.array([parameter.lower]))
+    most, c = solved(column[None, :], -error, np.array([parameter.lower]))
     starts = [(most, with_linear(scan.fit.part, effect, float(c[0])))] if effect.linear_part != "lag" else []
     for point in _linear_points(scan, effect, scales):
         larger = with_linear(scan.fit.part, effect, float(point))

@@ -1,0 +1,97 @@
+"""Larger laws that contain the best one: in its group where the data do not exclude a shape that matters."""
+
+from dataclasses import replace
+
+import hard
+import numpy as np
+import pytest
+from from_records_study import record_of
+from test_what_is_left import LINEAR, measured, plant
+
+import gsid
+from gsid.diagnosis.from_records.larger_laws import not_excluded
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.greybox.fit import fit_plant
+from gsid.plant.effect import Effect, Param
+
+SEED = 20261125
+COULOMB = {"coulomb_friction": {"level": 10.0}}  # the drive has an rms of 50 and 200
+LITTLE, MUCH = 0.05, 0.5  # noise [deg/s]
+LARGER = {"stribeck_friction", "presliding_friction"}
+
+
+def records(truth, noise):
+    """Records of a plant with noise of this standard deviation [deg/s]."""
+    print("seed", SEED)
+    return measured(truth, np.random.default_rng(SEED), noise=noise)
+
+
+@pytest.fixture(scope="module")
+def fits():
+    """Coulomb friction fitted to its own records, with little noise and with much."""
+    truth = plant(LINEAR | COULOMB)
+    return {noise: fit_plant(truth, records(truth, noise)) for noise in (LITTLE, MUCH)}
+
+
+def effects(fit, settings=DEFAULTS, left_out=frozenset()):
+    return {one.effect for one in not_excluded(fit, "coulomb_friction", set(left_out), settings)}
+
+
+def test_little_noise_excludes_every_larger_law(fits):
+    assert effects(fits[LITTLE]) == set()
+
+
+def test_much_noise_excludes_none(fits):
+    """The level is known to 7 %: a friction that is twice as large at low speed fits as well."""
+    fit = fits[MUCH]
+    level = fit.model["coulomb_friction.level"]
+    print(f"level {level.value:.3g} +- {level.std:.2g}")
+    assert "stribeck_friction" in effects(fit)
+
+
+def test_the_cost_of_a_larger_law_is_that_of_a_fit_with_its_values(fits):
+    """By a fit by simulation in which its values are fixed, which shares nothing with the columns."""
+    fit = fits[MUCH]
+    for one in not_excluded(fit, "coulomb_friction", set(), DEFAULTS):
+        fixed = {name: Param(value, free=False) for name, value in one.params.items()}
+        effects = [Effect(e.id, fixed) if e.id == one.effect else e for e in one.model.effects]
+        again = fit_plant(replace(one.model, effects=effects), [r.spectra for r in fit.records])
+        print(one.effect, one.params, one.rise, again.cost - fit.cost)
+        assert again.cost - fit.cost == pytest.approx(one.rise, abs=3.0)  # the motion moves a little
+        assert one.rise <= DEFAULTS.worse
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("worse", -1e3), ("different", 1.0), ("peak_most", 0.5), ("worse", 0.0)]
+)
+def test_each_limit_excludes(fits, name, value):
+    found = effects(fits[MUCH], replace(DEFAULTS, **{name: value}))
+    assert found < effects(fits[MUCH]) or not found
+
+
+def test_what_is_left_out_is_not_considered(fits):
+    assert effects(fits[MUCH], left_out=LARGER) == set()
+
+
+def test_a_law_without_a_larger_one_stays_alone(fits):
+    assert not_excluded(fits[MUCH], "viscous_friction", set(), DEFAULTS) == []
+
+
+def test_a_weak_stribeck_friction_stays_in_the_group():
+    """It was called Coulomb friction alone, which leaves nothing of its drop of 128."""
+    trial = hard.make_hard(97014, 22, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records])
+    print(found)
+    assert found.effects[0] == "coulomb_friction"
+    assert "stribeck_friction" in found.effects
+    assert any("do not exclude stribeck_friction" in remark for remark in found.remarks)
+    shared = [one.probability for one in found.ranking if one.effects and one.effects[0] in found.effects]
+    assert len(shared) == len(found.effects)
+    assert sum(shared) == pytest.approx(found.probability)
+    assert "To distinguish coulomb_friction from stribeck_friction" in found.next_experiment
+
+
+def test_a_strong_coulomb_friction_is_alone():
+    found = gsid.diagnose_records(records(plant(LINEAR | COULOMB), LITTLE))
+    print(found)
+    assert found.effects == ("coulomb_friction",)
