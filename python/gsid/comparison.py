@@ -7,8 +7,8 @@ the mean over the P periods against its sample variance s^2 / P, which has nu = 
 is therefore estimated between the lines (`gsid.spectrum.lines.variance_between_lines`).
 
 A model that was fitted to other records contains their noise, so that the test includes its covariance. If
-the model was fitted to the same records (`fitted`), each parameter reduces the degrees of freedom by one
-instead.
+the model was fitted to the same records (`fitted`), each parameter reduces the degrees of freedom by
+nu / (nu + 1) instead.
 """
 
 from __future__ import annotations

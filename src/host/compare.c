@@ -114,7 +114,7 @@ static gsid_status compare_all(const gsid_compare_data *data, gsid_cplx *left, d
     gsid_tail tail;
     gsid_status status = gsid_misfit_test(lines, left, ratio, &out->misfit);
     if (status == GSID_OK) {
-        status = gsid_misfit_tail(&out->misfit, data->n_fitted, &tail);
+        status = gsid_misfit_tail(&out->misfit, data->n_fitted * gsid_misfit_taken(n, lines->dof), &tail);
     }
     if (status != GSID_OK) {
         return status;

@@ -200,6 +200,14 @@ gsid_status gsid_misfit_test(const gsid_misfit_lines *lines, gsid_cplx *left, do
     return status;
 }
 
+double gsid_misfit_taken(uint32_t n_lines, const double *dof) {
+    double sum = 0;
+    for (uint32_t k = 0; k < n_lines; k++) {
+        sum += isinf(dof[k]) ? 1 : dof[k] / (dof[k] + 1);
+    }
+    return n_lines > 0 ? sum / n_lines : 1;
+}
+
 gsid_status gsid_misfit_tail(const gsid_misfit *misfit, double n_fitted, gsid_tail *tail) {
     if (misfit == NULL || tail == NULL) {
         return GSID_E_NULL;

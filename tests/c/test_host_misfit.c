@@ -68,6 +68,14 @@ static void a_known_model_leaves_the_scores_of_its_errors(void **state) {
     assert_near(tail.upper, erfc(sqrt(sum / 2)), 1e-12);
 }
 
+static void a_fitted_parameter_takes_less_where_variances_are_estimated(void **state) {
+    (void)state;
+    const double two_periods[2] = {1, 1}, mixed[3] = {1, 3, INFINITY};
+    assert_near(gsid_misfit_taken(2, two_periods), 0.5, 1e-15);
+    assert_near(gsid_misfit_taken(3, mixed), (0.5 + 0.75 + 1) / 3, 1e-15);
+    assert_true(gsid_misfit_taken(0, NULL) == 1);
+}
+
 static void an_uncertain_model_moves_by_ridge_regression(void **state) {
     (void)state;
     /* One direction, known variances: z = w a'e / (1 + w a'a), and e'(S + A A')^-1 e by Sherman and Morrison. */
@@ -184,6 +192,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tails_have_closed_forms),
         cmocka_unit_test(a_known_model_leaves_the_scores_of_its_errors),
+        cmocka_unit_test(a_fitted_parameter_takes_less_where_variances_are_estimated),
         cmocka_unit_test(an_uncertain_model_moves_by_ridge_regression),
         cmocka_unit_test(no_noise_gives_a_finite_misfit),
         cmocka_unit_test(one_band_is_named),

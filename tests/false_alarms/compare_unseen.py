@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -114,9 +115,8 @@ def plant(cell: Cell, seed: int) -> dict[str, float | bool]:
     return outcome
 
 
-def rational(cell: Cell, seed: int) -> dict[str, float | bool]:
-    """A held second-order system with a zero (scipy), output noise white or coloured; `gsid.fit`."""
-    rng, (n_fit, n_new) = cell.rng(seed), cell.setting[1:]
+def rational_system(rng: np.random.Generator) -> Callable[[int], Spectra]:
+    """Measure a held second-order system with a zero (scipy), output noise white or coloured, for periods."""
     n, lines, fs_hz = 500, np.arange(1, 61), 1000.0
     w0, zeta, gain = 2 * np.pi * rng.uniform(10, 30), rng.uniform(0.05, 0.3), rng.uniform(1, 5)
     system = [3 * gain * w0, gain * w0**2], [1, 2 * zeta * w0, w0**2]
@@ -131,6 +131,13 @@ def rational(cell: Cell, seed: int) -> dict[str, float | bool]:
         y = y + signal.lfilter([1 - colour], [1, -colour], white)[300:]
         return spectra(Record(np.tile(u, n_periods), y, fs_hz, n, 0, hold="zoh"))
 
+    return answer
+
+
+def rational(cell: Cell, seed: int) -> dict[str, float | bool]:
+    """A rational system; `gsid.fit`."""
+    rng, (n_fit, n_new) = cell.rng(seed), cell.setting[1:]
+    answer = rational_system(rng)
     ours, new = answer(n_fit), answer(n_new)
     response_of_ours = frf(ours)
     model = fit(response_of_ours, "2/1", delay="none")

@@ -130,3 +130,24 @@ def test_a_p_value_that_underflows_has_its_logarithm():
     assert half == pytest.approx(3 * 200**2)
     assert found.p_value == 0
     assert found.log10_p_value == pytest.approx((np.log1p(half + half**2 / 2) - half) / np.log(10), rel=1e-12)
+
+
+@pytest.mark.parametrize("n_periods", [2, 3, 8])
+def test_the_level_holds_for_errors_of_a_fit(n_periods):
+    """A parameter took a whole degree of freedom: with two periods 10 % of right fits were rejected at 5 %."""
+    print("seed", SEED)
+    rng, n, p, runs, dof = np.random.default_rng(SEED), 50, 10, 3000, n_periods - 1
+    columns = rng.standard_normal((2 * n, p))
+    known = np.linalg.qr(columns)[0]  # of a linear model, with equal weights
+    half = rng.standard_normal((runs, 2 * n)) * np.sqrt(0.5)
+    left = half - half @ known @ known.T
+    variance = rng.gamma(dof, 1 / dof, (runs, n))
+    line = np.zeros(n, bool)
+    rejected = 0
+    for error, own in zip(left, variance, strict=True):
+        lines = error[:n] + 1j * error[n:]
+        errors = Errors(lines, own, np.full(n, float(dof)), own, line, np.zeros((n, 0)))
+        rejected += misfit(errors).p_value_of_fit(p) < 0.05
+    low, high = stats.binom.interval(0.999, runs, 0.05)
+    print(n_periods, rejected / runs)
+    assert low <= rejected <= high

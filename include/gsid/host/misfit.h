@@ -48,8 +48,15 @@ gsid_status gsid_misfit_scores(uint32_t n_lines, const double *ratio, const doub
  *  Memory: p^2 + 4 n_lines numbers, freed at the end.  Cost: 6 n_lines p^2 flops.  Context: any thread. */
 gsid_status gsid_misfit_test(const gsid_misfit_lines *lines, gsid_cplx *left, double *ratio, gsid_misfit *result);
 
+/** Degrees of freedom that a parameter takes if it was fitted to these errors.  Eq: CMP-1
+ *  @param[in]  n_lines
+ *  @param[in]  dof      [n_lines] as in gsid_misfit_lines
+ *  @return mean of dof / (dof + 1): 1 if all variances are known, or without a line
+ *  Memory: none.  Cost: one division for each line.  Context: any thread. */
+double gsid_misfit_taken(uint32_t n_lines, const double *dof);
+
 /** Probability of a misfit this large or larger if the model is correct.  Eq: CMP-1
- *  @param[in]  n_fitted  parameters that were fitted to these errors, each of which takes a degree of freedom; 0: none
+ *  @param[in]  n_fitted  degrees of freedom that fitted parameters take: their number times gsid_misfit_taken; 0: none
  *  @param[out] tail      upper: the p-value; log_upper: its logarithm, which does not underflow
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG
  *  Memory: none.  Cost: as gsid_tail_gamma.  Context: any thread. */

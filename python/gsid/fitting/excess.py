@@ -57,7 +57,7 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
     n_parameters = model.n_parameters / apart
     found = misfit(errors)
     ratio = np.sum(errors.t / errors.t_expected) / (len(errors) - n_parameters / 2)
-    return float(ratio), found.p_value_of_fit(n_parameters * _taken(float(frf.n_dof)))
+    return float(ratio), found.p_value_of_fit(n_parameters)
 
 
 def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = None) -> FitWarning | None:
@@ -103,11 +103,6 @@ def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = N
         "gsid distortion to measure the nonlinearity of the axis"
     )
     return FitWarning("excess_cost", None, WHAT_TO_TRY, text, ratio, p_value)
-
-
-def _taken(dof: float) -> float:
-    """Decrease of the mean of twice the sum of q per fitted parameter."""
-    return 1.0 if np.isinf(dof) else dof / (dof + 1)
 
 
 def _errors_left(model: RationalModel, frf: Frf) -> Errors:

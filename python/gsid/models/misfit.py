@@ -143,7 +143,7 @@ class Misfit:
         Parameters
         ----------
         n_parameters : float
-            Number of fitted parameters; each reduces the degrees of freedom by one.
+            Number of fitted parameters; each reduces the degrees of freedom by `taken`.
 
         Returns
         -------
@@ -156,10 +156,16 @@ class Misfit:
         """Decimal logarithm of `p_value`, which remains finite where that is 0."""
         return float(self._tail(0).log_upper) / math.log(10)
 
+    @property
+    def taken(self) -> float:
+        """Degrees of freedom that a fitted parameter takes: 1 if the variances are known."""
+        dof = np.ascontiguousarray(self.left.dof, float)
+        return float(lib.gsid_misfit_taken(len(dof), ffi.from_buffer("double[]", dof)))
+
     def _tail(self, n_parameters: float) -> Any:
         found = ffi.new("gsid_misfit *", {"n_dof": self.n_dof, "chi2": self.chi2})
         tail = ffi.new("gsid_tail *")
-        check(lib.gsid_misfit_tail(found, n_parameters, tail), "testing errors")
+        check(lib.gsid_misfit_tail(found, n_parameters * self.taken, tail), "testing errors")
         return tail
 
 
