@@ -134,7 +134,7 @@ def test_a_p_value_that_underflows_has_its_logarithm():
 
 @pytest.mark.parametrize("n_periods", [2, 3, 8])
 def test_the_level_holds_for_errors_of_a_fit(n_periods):
-    """A parameter took a whole degree of freedom: with two periods 10 % of right fits were rejected at 5 %."""
+    """A parameter took a whole degree of freedom: 10 % of right fits to two periods were rejected at 5 %."""
     print("seed", SEED)
     rng, n, p, runs, dof = np.random.default_rng(SEED), 50, 10, 3000, n_periods - 1
     columns = rng.standard_normal((2 * n, p))
