@@ -68,6 +68,23 @@ def test_edges_about_another_middle_are_stops_beside_a_constant_torque(low, high
     assert -plant["hard_stop"]["angle_deg"] - mean == pytest.approx(low)
 
 
+def test_the_side_that_carries_less_torque_moves_out():
+    edges = Edges(-2.0, 3.0, 500.0, -1.0, 0, 0.1)
+    assert (edges.widened(0.2).low, edges.widened(0.2).high) == (-2.0, 4.0)
+    other = Edges(-2.0, 3.0, 500.0, 1.0, 0, 0.1).widened(0.2)
+    assert (other.low, other.high) == (-3.0, 3.0)
+
+
+def test_bug_an_edge_that_is_just_touched_was_a_start_in_another_orbit():
+    """One stop is hit, the other touched: the simulation went to and fro between both."""
+    trial = hard.make_hard(98011, 11, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+    assert found.cost_per_dof_after < 1.1
+    stiffness = trial.key["truth"]["stop_stiffness"]
+    assert found.model["hard_stop.stiffness"].value == pytest.approx(stiffness, rel=0.01)
+
+
 def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
     problem = Problem(truth_of(trial), measured[:2], None, DEFAULTS)
     assert edges_along_motion(problem, linear_part(truth_of(trial))) is None

@@ -16,7 +16,7 @@ from gsid.diagnosis.from_records.canonical import BODY, canonical_stack
 from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.stop_edges import STOP, at_high_level, edges_along_motion, with_edges
+from gsid.diagnosis.from_records.stop_edges import STOP, at_high_level, edges_along_motion, nearest_start
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
@@ -88,7 +88,7 @@ def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline
     if edges is None:
         return None
     run.on_step(f"fitting {STOP} by simulation")
-    with_stop = with_edges(low.model, edges)
+    with_stop = nearest_start(low.model, edges, loud)
     chosen = [one.spectra for one in low.records] + [loud[edges.record]]
     how = {"band": run.band, "max_iter": STEPS, "deadline": deadline}
     one = fit_plant(with_stop, chosen, **how)

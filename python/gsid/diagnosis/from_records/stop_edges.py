@@ -7,12 +7,13 @@ lie symmetrically: a constant torque shifts the middle of the motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
 from gsid.base.deadline import Deadline
+from gsid.base.errors import GsidError
 from gsid.diagnosis.from_records.canonical import SPRING
 from gsid.diagnosis.missing_torque.linear_fit import torque_columns
 from gsid.diagnosis.missing_torque.motion import Motion, motions
@@ -23,6 +24,10 @@ from gsid.spectrum.spectra import Spectra
 
 STOP, BIAS = "hard_stop", "torque_bias"
 LOUD = 0.8  # least input of a record of the high level, relative to the largest
+WIDENED = (0.0, 0.05, 0.1, 0.2, 0.4)  # shares of the distance of the edges by which one may lie further out
+NEAR = (
+    2.0  # largest distance of a simulation from the record, over the least: other orbits are ten times as far
+)
 SHARES = np.linspace(0.1, 1.0, 10)  # of the travel to each side: edges that are tried
 
 
@@ -61,7 +66,7 @@ def shifted_stop(
     loud, _ = at_high_level(measured)
     problem = Problem(linear, loud, band, DEFAULTS, deadline)
     edges = edges_along_motion(problem, linear_part(linear), most_left=1.0)
-    return with_edges(linear, edges) if edges is not None and edges.stiffness > 0 else None
+    return nearest_start(linear, edges, loud) if edges is not None and edges.stiffness > 0 else None
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,18 @@ class Edges:
     mean_torque: float
     record: int
     left: float
+
+    def widened(self, share: float) -> Edges:
+        """The same with the side that carries less torque further out.
+
+        Parameters
+        ----------
+        share : float
+            Of the distance of the edges.
+        """
+        far = share * (self.high - self.low)
+        low, high = (self.low, self.high + far) if self.mean_torque < 0 else (self.low - far, self.high)
+        return replace(self, low=low, high=high)
 
 
 def edges_along_motion(problem: Problem, part: LinearPart, most_left: float = 0.5) -> Edges | None:
@@ -141,6 +158,34 @@ def edges_along_motion(problem: Problem, part: LinearPart, most_left: float = 0.
 
 def _beyond(angle: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.maximum(angle - high, 0.0) + np.minimum(angle - low, 0.0)
+
+
+def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra]) -> PlantModel:
+    """The model with stops at these edges, or with one of them further out.
+
+    An edge that the motion does not reach may lie anywhere beyond it. Where the motion just touches it, the
+    simulation may find another orbit, between both stops: the start is the narrowest stop whose simulation is
+    near the record.
+
+    Parameters
+    ----------
+    model : PlantModel
+    edges : Edges
+    loud : sequence of Spectra
+        The records of the high level.
+    """
+    starts = [with_edges(model, edges.widened(share)) for share in WIDENED]
+    distances = [_distance(one, loud[edges.record]) for one in starts]
+    return next(start for start, left in zip(starts, distances, strict=True) if left <= NEAR * min(distances))
+
+
+def _distance(model: PlantModel, measured: Spectra) -> float:
+    """Of the simulated output from the measured one, at the excited lines."""
+    try:
+        error = measured.y - model.predict(measured).Y
+    except GsidError:
+        return np.inf
+    return float(np.linalg.norm(error[measured.excited]))
 
 
 def with_edges(model: PlantModel, edges: Edges) -> PlantModel:
