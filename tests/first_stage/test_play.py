@@ -274,3 +274,11 @@ def test_play_that_is_not_named_is_not_fitted_again(monkeypatch):
     )
     equal_weights.weigh_model_error(run)
     assert not fitted
+
+
+@pytest.mark.long
+def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
+    trial = hard.make_hard(98011, 1, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    print(found)
+    assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))

@@ -79,7 +79,7 @@ def _is_worth_it(run: Run) -> bool:
         return False
     if run.decision.verdict not in (UNKNOWN, NEAREST) or run.deadline.is_over:
         return False
-    return least_left(run) > run.settings.clear_misfit
+    return least_left(run) > run.settings.much_left
 
 
 def structures_for_play(
