@@ -85,6 +85,12 @@ def test_bug_an_edge_that_is_just_touched_was_a_start_in_another_orbit():
     assert found.model["hard_stop.stiffness"].value == pytest.approx(stiffness, rel=0.01)
 
 
+def test_bug_a_stop_that_leaves_less_than_twice_the_noise_was_not_looked_for():
+    trial = hard.make_hard(99011, 34, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+
+
 def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
     problem = Problem(truth_of(trial), measured[:2], None, DEFAULTS)
     assert edges_along_motion(problem, linear_part(truth_of(trial))) is None

@@ -1,4 +1,4 @@
-"""Seeded samples of mutants of the comparison, the grey-box fit, the diagnosis and the C core.
+"""Seeded samples of mutants of the comparison, the grey-box fit, the diagnosis, its doubts and the C core.
 
 Which do the tests find? Each mutant is judged by the tests that execute its line (`python_tests`, `c_tests`),
 in a copy of the repository; those of the diagnosis by its own quick tests. What is known is kept in a file of
@@ -55,6 +55,12 @@ TARGETS = {
         "python/gsid/diagnosis/missing_torque/ranking.py",
         "python/gsid/diagnosis/missing_torque/refit.py",
     ],
+    "doubts": [
+        "python/gsid/diagnosis/from_records/doubts.py",
+        "python/gsid/diagnosis/from_records/larger_laws.py",
+        "python/gsid/diagnosis/from_records/series_check.py",
+        "python/gsid/diagnosis/from_records/what_is_left.py",
+    ],
     "core": ["src/core/*.c"],
 }
 TESTS_OF = {  # of a part with tests of its own
@@ -74,6 +80,12 @@ TESTS_OF = {  # of a part with tests of its own
             )
         ),
         "tests/python/test_missing_torque.py",
+    ],
+    "doubts": [
+        "tests/first_stage/test_doubts.py",
+        "tests/first_stage/test_larger_laws.py",
+        "tests/first_stage/test_series.py",
+        "tests/first_stage/test_what_is_left.py",
     ],
 }
 COUNTED = ("killed", "survived", "uncovered")  # not: "same" as the source, or "invalid"

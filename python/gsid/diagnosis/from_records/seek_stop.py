@@ -26,7 +26,7 @@ from gsid.spectrum.spectra import Spectra
 from gsid.structure.start import start
 
 STEPS = 25  # iterations of each fit
-MISFIT = 2.0  # cost per degree of freedom from which on a law may be missing that the first stage cannot see
+MISFIT = 1.3  # cost per degree of freedom from which on a law may be missing that the first stage cannot see
 
 
 def seek_stop(run: Run) -> None:
@@ -50,7 +50,7 @@ def seek_stop(run: Run) -> None:
             fitted = None if low is None else _fitted(run, low, loud, deadline)
         except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             return
-        if fitted is None or fitted.cost_per_dof > run.settings.less_left * least_left(run):
+        if fitted is None or fitted.cost_per_dof - 1 > run.settings.less_left * (least_left(run) - 1):
             return
         found = judged(fitted, (STOP,), run.settings)
         take(run, found, STOP)
