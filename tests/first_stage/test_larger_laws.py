@@ -1,6 +1,7 @@
 """Larger laws that contain the best one: in its group where the data do not exclude a shape that matters."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import hard
 import numpy as np
@@ -9,8 +10,9 @@ from from_records_study import record_of
 from test_what_is_left import LINEAR, measured, plant
 
 import gsid
-from gsid.diagnosis.from_records.larger_laws import not_excluded
+from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, not_excluded
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import MISSING, Decision
 from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect, Param
 
@@ -67,6 +69,35 @@ def test_the_cost_of_a_larger_law_is_that_of_a_fit_with_its_values(fits):
 def test_each_limit_excludes(fits, name, value):
     found = effects(fits[MUCH], replace(DEFAULTS, **{name: value}))
     assert found < effects(fits[MUCH]) or not found
+
+
+def test_coefficients_are_tried_three_standard_deviations_off_on_both_sides():
+    """Two orthogonal columns of sizes 2 and 0.5; the second coefficient would be below its least value."""
+    profile = SimpleNamespace(left=np.array([-8.0, -0.5, 0.0]), settings=DEFAULTS)
+    law = SimpleNamespace(lower=np.zeros(2))
+    columns = np.array([[2.0, 0.0], [0.0, 0.5], [0.0, 0.0]])
+    found = _Profile._within_reach(profile, law, columns)
+    assert sorted(tuple(np.round(c, 6)) for c in found) == [(2.5, 1.0), (4.0, 1.0), (4.0, 7.0), (5.5, 1.0)]
+
+
+KEPT = ("effects", "final", "in_closed_loop", "deadline", "has_controller", "adequate")
+
+
+@pytest.mark.parametrize("change", ["nothing", *KEPT])
+def test_the_group_stays_as_it_is(fits, change):
+    """Without a law or its fit, in a closed loop, without time, and if more than noise is left."""
+    fit, law = fits[MUCH], ("coulomb_friction",)
+    model = SimpleNamespace(has_controller=change == "has_controller", effects=fit.model.effects)
+    final = None if change == "final" else SimpleNamespace(fit=fit, model=model, effects=law)
+    decision = Decision(MISSING, () if change == "effects" else law)
+    run = SimpleNamespace(
+        decision=decision, final=final, in_closed_loop=change == "in_closed_loop", without=set(),
+        deadline=SimpleNamespace(is_over=change == "deadline"), settings=DEFAULTS, basis=None, notes=[],
+        evidence=lambda: SimpleNamespace(is_adequate=lambda one: change != "adequate"),
+    )  # fmt: skip
+    add_larger_laws(run)
+    assert (run.decision == decision) == (change in KEPT)
+    assert bool(run.notes) == (change not in KEPT)
 
 
 def test_what_is_left_out_is_not_considered(fits):
