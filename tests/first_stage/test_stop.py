@@ -7,7 +7,8 @@ from from_records_study import record_of
 from test_steps import BODY, SPRING, VISCOUS, model
 
 import gsid
-from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, with_edges
+from gsid.base.deadline import Deadline, OutOfTime
+from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, nearest_start, with_edges
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.spectrum.realisation import spectra_of
@@ -73,6 +74,12 @@ def test_the_side_that_carries_less_torque_moves_out():
     assert (edges.widened(0.2).low, edges.widened(0.2).high) == (-2.0, 4.0)
     other = Edges(-2.0, 3.0, 500.0, 1.0, 0, 0.1).widened(0.2)
     assert (other.low, other.high) == (-3.0, 3.0)
+
+
+def test_the_choice_of_a_start_ends_with_the_time(trial, measured):
+    edges = Edges(-2.0, 2.0, 500.0, 0.0, 0, 0.1)
+    with Deadline(1e-9) as deadline, pytest.raises(OutOfTime):
+        nearest_start(truth_of(trial), edges, measured[2:], deadline)
 
 
 def test_bug_an_edge_that_is_just_touched_was_a_start_in_another_orbit():

@@ -88,7 +88,7 @@ def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline
     if edges is None:
         return None
     run.on_step(f"fitting {STOP} by simulation")
-    with_stop = nearest_start(low.model, edges, loud)
+    with_stop = nearest_start(low.model, edges, loud, deadline)
     chosen = [one.spectra for one in low.records] + [loud[edges.record]]
     how = {"band": run.band, "max_iter": STEPS, "deadline": deadline}
     one = fit_plant(with_stop, chosen, **how)

@@ -20,14 +20,13 @@ from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
 STOP, BIAS = "hard_stop", "torque_bias"
 LOUD = 0.8  # least input of a record of the high level, relative to the largest
 WIDENED = (0.0, 0.05, 0.1, 0.2, 0.4)  # shares of the distance of the edges by which one may lie further out
-NEAR = (
-    2.0  # largest distance of a simulation from the record, over the least: other orbits are ten times as far
-)
+NEAR = 2.0  # largest distance of a simulation from the record, over the least: other orbits are far off
 SHARES = np.linspace(0.1, 1.0, 10)  # of the travel to each side: edges that are tried
 
 
@@ -66,7 +65,7 @@ def shifted_stop(
     loud, _ = at_high_level(measured)
     problem = Problem(linear, loud, band, DEFAULTS, deadline)
     edges = edges_along_motion(problem, linear_part(linear), most_left=1.0)
-    return nearest_start(linear, edges, loud) if edges is not None and edges.stiffness > 0 else None
+    return nearest_start(linear, edges, loud, deadline) if edges is not None and edges.stiffness > 0 else None
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ def _beyond(angle: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.maximum(angle - high, 0.0) + np.minimum(angle - low, 0.0)
 
 
-def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra]) -> PlantModel:
+def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra], deadline: Deadline) -> PlantModel:
     """The model with stops at these edges, or with one of them further out.
 
     An edge that the motion does not reach may lie anywhere beyond it. Where the motion just touches it, the
@@ -173,19 +172,22 @@ def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra]) -> P
     edges : Edges
     loud : sequence of Spectra
         The records of the high level.
+    deadline : Deadline
+        OutOfTime is raised there.
     """
     starts = [with_edges(model, edges.widened(share)) for share in WIDENED]
-    distances = [_distance(one, loud[edges.record]) for one in starts]
+    distances = [_distance(one, loud[edges.record], deadline) for one in starts]
     return next(start for start, left in zip(starts, distances, strict=True) if left <= NEAR * min(distances))
 
 
-def _distance(model: PlantModel, measured: Spectra) -> float:
-    """Of the simulated output from the measured one, at the excited lines."""
+def _distance(model: PlantModel, measured: Spectra, deadline: Deadline) -> float:
+    """Of the simulated output from the measured one, at the excited lines; infinite without a simulation."""
     try:
-        error = measured.y - model.predict(measured).Y
+        error = measured.y - PeriodicPlant.of(model, measured, deadline).run().Y
     except GsidError:
         return np.inf
-    return float(np.linalg.norm(error[measured.excited]))
+    left = float(np.linalg.norm(error[measured.excited]))
+    return left if np.isfinite(left) else np.inf
 
 
 def with_edges(model: PlantModel, edges: Edges) -> PlantModel:
