@@ -46,6 +46,20 @@ def test_bug_an_unbalance_over_small_angles_kept_a_spring_from_its_name():
     assert (found.verdict, found.effects) == ("missing_effect", ("cable_spring",))
 
 
+@pytest.mark.parametrize(
+    ("better", "verdict", "effect"),
+    [
+        (1, "missing_effect", "cable_spring"),
+        (15, "missing_effect", "cable_spring"),
+        (16, "nearest_effect", "motor_cogging"),
+    ],
+)
+def test_bug_a_cogging_over_small_angles_kept_a_spring_from_its_name(better, verdict, effect):
+    """It has two parameters too many, of ln 2000 each: 15.2 (seed 5312: 4 of 15 springs were nearest)."""
+    found = decision(fit("cable_spring", above(1.0, better)), fit("motor_cogging", 1.0))
+    assert (found.verdict, found.effects) == (verdict, (effect,))
+
+
 def test_an_unbalance_that_is_significantly_better_than_a_spring_is_named():
     found = decision(fit("cable_spring", 9.0), fit("mass_unbalance", 1.0))
     assert (found.verdict, found.effects) == ("missing_effect", ("mass_unbalance",))

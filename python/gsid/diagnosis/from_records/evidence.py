@@ -138,15 +138,17 @@ class Evidence:
         return [other for other in others if not contains(other, one) and not self.is_settled(other, one)]
 
     def is_settled(self, other: Simulated, best: Simulated) -> bool:
-        """Whether a law is in the group of the best one, or linear as it and with more parameters.
+        """Whether a law is in the group of the best one, or has more parameters than a linear effect needs.
+
+        Over a small travel cogging is a spring: it fits as well as the spring, which it cannot exclude.
 
         Parameters
         ----------
         other, best : Simulated
         """
-        both = self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)
+        is_enough = self.is_among_linear(best) and self.is_adequate(best)
         more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
-        return (both and more) or other in self.alike(best)
+        return (is_enough and more) or other in self.alike(best)
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
