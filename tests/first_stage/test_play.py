@@ -18,6 +18,7 @@ from gsid.diagnosis.from_records.seek_play import structures_for_play
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import linear_view
+from gsid.plant.model import PlantModel
 
 JOINT = {"cable_spring": {"stiffness": 6e4}}  # 39 Hz: the body stands for the joint
 LOW = mode(3.0, residue=-0.5, zeta=0.25)  # the sprung body
@@ -120,6 +121,18 @@ def test_sharp_modes_of_the_start_stand_beside_the_body_of_the_fit():
     damped = with_modes(model(BODY, VISCOUS, SPRING, DELAY), mode(90.0, zeta=0.6))
     first, *_ = structures_for_play(damped, fitted, F_LO, DEFAULTS)
     assert modes_of(first) == {(95, 0.05)}
+
+
+def test_bug_a_mode_of_the_start_stood_beside_the_same_resonance_of_the_fitted_body():
+    """The start found the sprung body as a mode, beside a body without a spring (seed 99013, single 17)."""
+    start = with_modes(model(BODY, {"viscous_friction": {"rate": 800.0}}, LOW, DELAY), mode(90.0))
+    start.effects[2].params["zeta"].value = 0.05  # as sharp as a mode
+    hz = LOW["flexible_mode"]["f_hz"]
+    sprung = {"cable_spring": {"stiffness": (2 * np.pi * hz) ** 2}}
+    fitted = with_modes(model(BODY, VISCOUS, sprung, LAG, DELAY), mode(60.0, zeta=0.8))
+    first, *_ = structures_for_play(start, fitted, F_LO, DEFAULTS)
+    assert modes_of(first) == {(90, 0.02)}
+    assert values(first, "cable_spring") == sprung["cable_spring"]
 
 
 def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(monkeypatch):
@@ -282,3 +295,20 @@ def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
     print(found)
     assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("seed", "index", "percent"),
+    [
+        (99013, 17, None),  # a mode of the start stood beside the same resonance of the fitted body
+        (99012, 31, 30),  # the fit of the model without play had lost its mode
+        (99015, 20, 5),  # the restarts from one record ended with the work, one before the last
+    ],
+)
+def test_bug_play_that_a_study_lost(seed, index, percent):
+    trial = hard.make_hard(seed, index, "single")
+    given = percent and PlantModel.from_dict(trial.models[percent / 100], "given")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))
+    assert found.cost_per_dof_after < DEFAULTS.adequate

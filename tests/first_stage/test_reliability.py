@@ -103,6 +103,7 @@ def test_bug_a_fit_that_the_time_stopped_hid_the_probability(monkeypatch, is_fit
     fits = SimpleNamespace(fit=lambda *_: fitted)
     run = SimpleNamespace(
         laws=[],
+        final=None,
         cut=False,
         deadline=SimpleNamespace(is_over=bool(is_over)),
         decide=lambda: None,

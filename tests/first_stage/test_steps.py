@@ -446,6 +446,46 @@ def test_thirds_of_the_lines_of_a_single_record_of_few_periods_are_left_out():
     assert found.kept == pytest.approx(squares / 60)
 
 
+# ---- the fit of the best law that was cut short -----------------------------------------------------
+
+CUT_SHORT = {"converged": False, "stalled": False, "cost": 49.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "is_finished"),
+    [({}, True), ({"converged": True}, False), ({"stalled": True}, False), ({"cost": 51.0}, False)],
+)
+def test_the_best_law_is_finished_if_it_explains_most_and_was_cut_short(change, is_finished):
+    best, rival, finished = (SimpleNamespace(**(CUT_SHORT | change)) for _ in range(3))
+    fits = SimpleNamespace(finished=lambda one: finished)
+    run = SimpleNamespace(final=best, laws=[rival, best], null=SimpleNamespace(cost=100.0), settings=DEFAULTS)
+    run.deadline, run.decide = Deadline(), lambda: None
+    fit_laws._finish_best(run, fits)
+    assert run.laws == [rival, finished if is_finished else best]
+    assert (run.laws[1] is finished) is is_finished
+
+
+@pytest.mark.parametrize(("cost", "is_taken"), [(9.0, True), (11.0, False), (OutOfTime(""), False)])
+def test_a_fit_is_finished_with_work_of_its_own(monkeypatch, cost, is_taken):
+    """Bug: a stop that left only noise was unknown, because its rivals had used up the work of its fit."""
+    before = SimpleNamespace(effects=("hard_stop",), model="a model", fit=SimpleNamespace(cost=10.0))
+    deadline = Deadline().bounded(0.0)  # used up by the fits so far
+    fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
+
+    def in_slices(model, to_beat, its_deadline):
+        assert (model, to_beat, its_deadline.moves_left) == ("a model", None, DEFAULTS.moves_of_fit)
+        if isinstance(cost, Exception):
+            raise cost
+        return SimpleNamespace(cost=cost), True
+
+    monkeypatch.setattr(fits, "_in_slices", in_slices)
+    judged_now = confirming.Simulated(before.effects, None, False, 1.0, 0.0, 0.0)
+    monkeypatch.setattr(confirming, "judged", lambda fit, effects, settings: judged_now)
+    found = fits.finished(before)
+    assert found is not before if is_taken else found is before
+    assert not is_taken or (found.effects, found.stalled) == (before.effects, True)
+
+
 # ---- what is left ----------------------------------------------------------------------------------
 
 

@@ -122,3 +122,10 @@ def test_stops_that_only_the_high_level_reaches_are_named(trial, measured):
     assert found.laws[0] == ("hard_stop",)
     assert found.model["hard_stop.angle_deg"].value == pytest.approx(truth["stop_angle_deg"], rel=0.005)
     assert found.model["hard_stop.stiffness"].value == pytest.approx(truth["stop_stiffness"], rel=0.02)
+
+
+@pytest.mark.long
+def test_bug_a_stop_was_unknown_because_its_fit_was_cut_short():
+    trial = hard.make_hard(99015, 22, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))

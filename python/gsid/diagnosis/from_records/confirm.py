@@ -125,6 +125,23 @@ class Simulations:
             return None
         return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
 
+    def finished(self, one: Simulated) -> Simulated:
+        """A fit that was cut short, carried on with work of its own; the same if that leads to no result.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        self.on_step(f"finishing the fit of {' and '.join(one.effects) or 'the linear part'}")
+        deadline = self.deadline.bounded(self.settings.moves_of_fit)
+        try:
+            fit, stalled = self._in_slices(one.model, None, deadline)
+        except (GsidError, InputError, OutOfTime):
+            return one
+        if fit.cost > one.fit.cost:
+            return one
+        return replace(judged(fit, one.effects, self.settings), stalled=stalled)
+
     def _may_begin(self, name: str) -> bool:
         """Whether there is time and work left for a fit; if not, that is noted."""
         if self.deadline.is_over:

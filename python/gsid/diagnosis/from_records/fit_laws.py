@@ -90,10 +90,26 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
         _fit_drive(run, fits)
     if run.laws:
         _add_bias(run, fits)
+        _finish_best(run, fits)
         _fit_null_again(run, fits)
     is_noise = run.null is not None and run.noise_p_value >= run.alpha
     if run.given and run.laws and is_noise and not run.is_significant:
         run.decision, run.final = Decision(ADEQUATE), None
+
+
+def _finish_best(run: Run, fits: Simulations) -> None:
+    """The best law once more, if its fit explains most of the misfit but was cut short.
+
+    It began as a rival, which is given up early, or the other fits had used up the work.
+    """
+    best = run.final
+    if best is None or best.converged or best.stalled or run.deadline.is_over:
+        return
+    if best.cost > run.settings.less_left * run.null.cost:
+        return
+    finished = fits.finished(best)
+    run.laws = [finished if one is best else one for one in run.laws]
+    run.decide()
 
 
 def _fit_null_again(run: Run, fits: Simulations) -> None:

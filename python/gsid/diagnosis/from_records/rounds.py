@@ -17,6 +17,7 @@ from gsid.diagnosis.from_records.draw_up import draw_up
 from gsid.diagnosis.from_records.fit_laws import confirm, fit_play
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.seek_play import seek_play_from_data
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
@@ -89,6 +90,7 @@ class Rounds:
         self._confirm(taken)
         if not self.kept and self.first.decision.verdict != ADEQUATE:
             fit_play(self.first)
+            seek_play_from_data(self.first)
             decision = self.first.decision
             if decision.verdict == MISSING and BACKLASH in decision.effects:
                 self.kept, self.near, self.joint = [self.first], [], None

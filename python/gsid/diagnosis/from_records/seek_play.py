@@ -8,6 +8,7 @@ structures without these elements.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +34,9 @@ from gsid.greybox.linear_start import linear_start
 from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
+from gsid.structure.start import start
 
+OWN_MODE = 2.0  # times the resonance of a body: a mode of another structure below that is this body
 NULL_STEPS = 3  # iterations of the fit of a linear structure, which begins at its response
 
 
@@ -46,11 +49,12 @@ def seek_play(run: Run) -> None:
     ----------
     run : Run
     """
-    if not _is_worth_it(run):
+    if run.start is None or not _is_worth_it(run):
         return
     with run.timed("simulation"):
         fits = run.simulations()
-        best = _best(run, fits)
+        tried = structures_for_play(run.start.model(), run.null.model, run.f_lo_hz, run.settings)
+        best = _best(run, fits, tried)
         if best is not None:
             found, structure = best
             take(run, found, BACKLASH)
@@ -60,10 +64,47 @@ def seek_play(run: Run) -> None:
     run.not_tried.update(fits.not_tried)
 
 
-def _best(run: Run, fits: Simulations) -> tuple[Simulated, PlantModel] | None:
+def seek_play_from_data(run: Run) -> None:
+    """Try play beside a given model from values that the data show.
+
+    Without play, a fit from values that are far off loses a mode, or takes it for the joint.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    if run.given is None or not _is_worth_it(run):
+        return
+    try:
+        found = start(run.measured, output=run.given.output, band=run.band, deadline=run.deadline)
+    except (GsidError, InputError, OutOfTime):
+        return
+    if not found.has_model:
+        return
+    with run.timed("simulation"):
+        fits = run.simulations()
+        shown = structures_for_play(found.model(), run.null.model, run.f_lo_hz, run.settings)
+        tried = [
+            run.given.with_values([one[name].value for name in run.given.free_names])
+            for one in shown
+            if _is_same_structure(run.given, one)
+        ]
+        best = _best(run, fits, tried)
+        if best is not None:
+            take(run, best[0], BACKLASH)
+    run.not_tried.update(fits.not_tried)
+
+
+def _is_same_structure(one: PlantModel, other: PlantModel) -> bool:
+    return sorted(effect.id for effect in one.effects) == sorted(effect.id for effect in other.effects)
+
+
+def _best(
+    run: Run, fits: Simulations, structures: Sequence[PlantModel]
+) -> tuple[Simulated, PlantModel] | None:
     """The first fit with play that leaves only noise, or else the one that leaves the least."""
     best, work = None, run.deadline.bounded(run.settings.moves_of_play)
-    for structure in structures_for_play(run.start.model(), run.null.model, run.f_lo_hz, run.settings):
+    for structure in structures:
         found = None if run.deadline.is_over else _fitted(run, fits, structure, work)
         if found is None or (best is not None and found.cost >= best[0].cost):
             continue
@@ -75,7 +116,7 @@ def _best(run: Run, fits: Simulations) -> tuple[Simulated, PlantModel] | None:
 
 def _is_worth_it(run: Run) -> bool:
     """Whether the best law leaves a clear misfit, and play can be added."""
-    if run.start is None or run.null is None or run.in_closed_loop or BACKLASH in run.without:
+    if run.null is None or run.in_closed_loop or BACKLASH in run.without:
         return False
     if run.decision.verdict not in (UNKNOWN, NEAREST) or run.deadline.is_over:
         return False
@@ -100,11 +141,12 @@ def structures_for_play(
     -------
     list of PlantModel
         Three at most, whose body is the element with the lowest resonance. The first is the fitted stack with
-        its sharp modes alone; if the fit left none sharp, with those of `found`. In the others modes above
+        the sharp modes of `found` beside its body; if there are none, with its own. In the others modes above
         the band are left out, and then the mode with the largest damping.
     """
     fitted, swapped = (_with_one_lag(_lowest_as_body(one)) for one in (fitted, found))
     sharp = _sharp_modes(swapped, settings)
+    sharp = [mode for mode in sharp if mode.params["f_hz"].value > OWN_MODE * _resonance_hz(fitted)]
     first = _with_modes(fitted, _beside(sharp, swapped, fitted) or _sharp_modes(fitted, settings))
     modes = sorted(_free_modes(swapped), key=lambda mode: mode.params["zeta"].value)
     fewer = [modes[:-1]] if modes else []
@@ -140,8 +182,14 @@ def _lowest_as_body(model: PlantModel) -> PlantModel:
     if SPRING not in stack or BODY not in stack or not modes:
         return model
     lowest = min(modes, key=lambda mode: mode.params["f_hz"].value)
-    own_hz = math.sqrt(max(stack[SPRING]["stiffness"], 0.0)) / (2 * math.pi)
-    return with_mode_as_body(model, lowest) if lowest.params["f_hz"].value < own_hz else model
+    is_body = lowest.params["f_hz"].value < _resonance_hz(model)
+    return with_mode_as_body(model, lowest) if is_body else model
+
+
+def _resonance_hz(model: PlantModel) -> float:
+    """Undamped resonance of the body with its spring [Hz]; 0 without a spring."""
+    stiffness = model.stack().get(SPRING, {"stiffness": 0.0})["stiffness"]
+    return math.sqrt(max(stiffness, 0.0)) / (2 * math.pi)
 
 
 def _with_one_lag(model: PlantModel) -> PlantModel:
@@ -156,8 +204,8 @@ def _fitted(run: Run, fits: Simulations, structure: PlantModel, work: Deadline) 
     """The fit with play beside a structure; None if it leaves more than half of what the best law leaves."""
     run.on_step("fitting a simpler linear structure by simulation")
     try:
-        start = linear_start(structure, run.measured)
-        null = fit_plant(start, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
+        begin = linear_start(structure, run.measured)
+        null = fit_plant(begin, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return None
     most = run.settings.less_left * min(one.fit.cost for one in [run.null, *run.laws])
