@@ -199,7 +199,7 @@ class DecisionSettings:
     scatter_errors: float = 2.5
     worse: float = 12.0
     clearly_worse: float = 25.0
-    different: float = 0.25
+    different: float = 0.2
     peak_most: float = 2.0
     member_ratio: float = 2.0
     worse_share: float = 0.1
