@@ -24,6 +24,7 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import has_converged, judged
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import Decision
 from gsid.diagnosis.missing_torque import ranking
 from gsid.diagnosis.missing_torque import refit as refitting
@@ -32,6 +33,7 @@ from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.diagnosis.missing_torque.problem import linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
+from gsid.diagnosis.missing_torque.stage import Ranked
 from gsid.effects.types import find
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
@@ -575,3 +577,16 @@ def test_a_lag_that_is_tried_takes_its_delay_from_the_delay(lag_s, delay_s):
     larger = ranking.with_linear(part, find("sensor_lag"), lag_s)
     assert larger.stack["sensor_lag"]["time_constant_s"] == lag_s
     assert larger.stack["transport_delay"]["delay_s"] == pytest.approx(delay_s)
+
+
+# ---- the short list ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("time_constant_s", "listed"), [(1e-3, ["sensor_lag"]), (0.0, [])])
+def test_bug_a_linear_effect_that_became_zero_was_fitted_by_simulation(time_constant_s, listed):
+    """It had been removed from the stack, and the diagnosis ended in a StopIteration (98011, single 28)."""
+    stack = BODY | VISCOUS | {"sensor_lag": {"time_constant_s": time_constant_s}}
+    best = Ranked(("sensor_lag",), {}, stack, 1.0, 0.9, 10.0, 0.0, 100.0, 100.0)
+    draft = SimpleNamespace(model=model(BODY, VISCOUS), stage=SimpleNamespace(ranking=[best]))
+    found = short_list(draft, lambda plant: pruned(plant, F_LO, DEFAULTS), DEFAULTS)
+    assert [one.effect for one in found] == listed

@@ -11,6 +11,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, nearest_start, with_edges
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.plant.model import PlantModel
 from gsid.spectrum.realisation import spectra_of
 
 SEED, INDEX = 92002, 2  # lost by the search before
@@ -128,4 +129,15 @@ def test_stops_that_only_the_high_level_reaches_are_named(trial, measured):
 def test_bug_a_stop_was_unknown_because_its_fit_was_cut_short():
     trial = hard.make_hard(99015, 22, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("percent", [5, None])
+def test_bug_a_stop_was_lost_with_a_linear_part_that_could_not_be_simulated(percent):
+    """The fit of the model to all records had left its values far behind, and the search began there. From
+    the records alone the diagnosis ended in a StopIteration."""
+    trial = hard.make_hard(98011, 28, "single")
+    given = percent and PlantModel.from_dict(trial.models[percent / 100], "given")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))

@@ -7,6 +7,7 @@ records of the lower levels alone show the true linear part, beside which the ed
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -71,14 +72,20 @@ def _is_worth_it(run: Run) -> bool:
 def _linear_part_of(run: Run, quiet: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:
     """The linear part of some records, with a structure of their own unless one is given."""
     run.on_step("fitting the linear part to the records of the lower levels")
-    structure = run.null.model
-    if run.given is None:
-        found = start(quiet, output=structure.output, band=run.band, deadline=deadline)
+    structures = [run.null.model]
+    if run.given is not None:  # a fit to all records may have left its values far behind
+        structures.append(run.given)
+    else:
+        found = start(quiet, output=run.null.model.output, band=run.band, deadline=deadline)
         if found.has_model:
-            structure = canonical_stack(found.model(), run.f_lo_hz, run.settings)
-    begin = linear_start(structure, quiet)
-    low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=deadline)
-    return low if low.cost_per_dof <= run.settings.adequate else None
+            structures = [canonical_stack(found.model(), run.f_lo_hz, run.settings)]
+    for structure in structures:
+        with suppress(GsidError, InputError):
+            begin = linear_start(structure, quiet)
+            low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=deadline)
+            if low.cost_per_dof <= run.settings.adequate:
+                return low
+    return None
 
 
 def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:
