@@ -14,7 +14,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import equal_weights, play, seek_play
 from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
-from gsid.diagnosis.from_records.seek_play import structures_for_play
+from gsid.diagnosis.from_records.seek_play import structures_for_play, with_values_of
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import linear_view
@@ -133,6 +133,30 @@ def test_bug_a_mode_of_the_start_stood_beside_the_same_resonance_of_the_fitted_b
     first, *_ = structures_for_play(start, fitted, F_LO, DEFAULTS)
     assert modes_of(first) == {(90, 0.02)}
     assert values(first, "cable_spring") == sprung["cable_spring"]
+
+
+def test_a_mode_beside_a_sprung_body_of_the_start_is_kept():
+    stack = with_modes(model(BODY, VISCOUS, SPRING, DELAY), mode(6.0), mode(90.0))
+    first, *_ = structures_for_play(stack, stack, F_LO, DEFAULTS)
+    assert modes_of(first) == {(6, 0.02), (90, 0.02)}
+
+
+def test_values_that_the_data_show_are_those_of_modes_of_the_same_order():
+    given = with_modes(model(BODY, VISCOUS, DELAY), mode(90.0), mode(30.0))
+    given.effects[-2].params["zeta"].free = False
+    shown = with_modes(model(DELAY, VISCOUS, {"rigid_body": {"gain": 7.0}}), mode(33.0, zeta=0.5), mode(99.0))
+    found = with_values_of(given, shown)
+    assert modes_of(found) == {(33, 0.5), (99, 0.02)}
+    assert found["flexible_mode.f_hz"].value == 99.0
+    assert values(found, "rigid_body")["gain"] == 7.0
+
+
+@pytest.mark.parametrize("residue", [0.0, -1e-12])
+def test_bug_a_mode_without_residue_ended_the_diagnosis(residue):
+    run = SimpleNamespace(f_lo_hz=F_LO, settings=DEFAULTS)
+    stack = with_modes(model(BODY, VISCOUS, JOINT, mode(3.0, residue=residue), DELAY), mode(90.0))
+    run.null = SimpleNamespace(model=stack)
+    assert seek_play._structures(run, stack) == []
 
 
 def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(monkeypatch):

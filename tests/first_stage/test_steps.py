@@ -24,7 +24,6 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import has_converged, judged
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import Decision
 from gsid.diagnosis.missing_torque import ranking
 from gsid.diagnosis.missing_torque import refit as refitting
@@ -33,7 +32,6 @@ from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.diagnosis.missing_torque.problem import linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
-from gsid.diagnosis.missing_torque.stage import Ranked
 from gsid.effects.types import find
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
@@ -551,7 +549,8 @@ def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed,
     monkeypatch.setattr(confirming.Simulations, "_settles", lambda *_: True)
     deadline = Deadline().bounded(left * unit)
     fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
-    fitted = fits.fit(model(BODY), ("hard_stop",))
+    start = model(BODY, {"hard_stop": {"angle_deg": 1.0, "stiffness": 1e3}})
+    fitted = fits.fit(start, ("hard_stop",))
     assert (fitted is not None) is (why == "fitted")
     assert fits.not_tried.get("hard_stop", "fitted") == why
     assert deadline.moves_left == pytest.approx(unit * max(left - min(needed, 1.0), 0.0))
@@ -579,14 +578,14 @@ def test_a_lag_that_is_tried_takes_its_delay_from_the_delay(lag_s, delay_s):
     assert larger.stack["transport_delay"]["delay_s"] == pytest.approx(delay_s)
 
 
-# ---- the short list ----------------------------------------------------------------------------------
+# ---- a linear effect that became zero ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("time_constant_s", "listed"), [(1e-3, ["sensor_lag"]), (0.0, [])])
-def test_bug_a_linear_effect_that_became_zero_was_fitted_by_simulation(time_constant_s, listed):
+@pytest.mark.parametrize("left_out", [(), ("sensor_lag",)])
+def test_bug_a_linear_effect_that_became_zero_was_fitted_by_simulation(left_out):
     """It had been removed from the stack, and the diagnosis ended in a StopIteration (98011, single 28)."""
-    stack = BODY | VISCOUS | {"sensor_lag": {"time_constant_s": time_constant_s}}
-    best = Ranked(("sensor_lag",), {}, stack, 1.0, 0.9, 10.0, 0.0, 100.0, 100.0)
-    draft = SimpleNamespace(model=model(BODY, VISCOUS), stage=SimpleNamespace(ranking=[best]))
-    found = short_list(draft, lambda plant: pruned(plant, F_LO, DEFAULTS), DEFAULTS)
-    assert [one.effect for one in found] == listed
+    known = {"known": (), "left_out": left_out}
+    fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None, **known)
+    start = model(BODY, VISCOUS, LAG) if left_out else model(BODY, VISCOUS)
+    assert fits.fit(start, ("sensor_lag",)) is None
+    assert fits.not_tried == {"sensor_lag": "the first stage made it zero"}

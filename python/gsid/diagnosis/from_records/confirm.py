@@ -109,8 +109,11 @@ class Simulations:
         name = " and ".join(effects) or "the linear part"
         if not self._may_begin(name):
             return None
-        self.on_step(f"fitting {name} by simulation")
         model = self._completed(model)
+        if not set(effects) <= {effect.id for effect in model.effects}:
+            self.not_tried[name] = "the first stage made it zero"
+            return None
+        self.on_step(f"fitting {name} by simulation")
         try:
             with self._bounded() as deadline:
                 if not self._settles(model, deadline):

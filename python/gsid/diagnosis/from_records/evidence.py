@@ -12,7 +12,7 @@ from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.what_is_left import what_is_left
-from gsid.diagnosis.missing_torque.catalogue import family
+from gsid.diagnosis.missing_torque.catalogue import family, law
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 
@@ -128,27 +128,26 @@ class Evidence:
         return max(gains) < self.settings.null_gain
 
     def rivals(self, one: Simulated) -> list[Simulated]:
-        """Fits of laws of other families; not of a law that contains it.
+        """Fits of laws of other families; not of a law that contains it and is not significantly better.
 
         Parameters
         ----------
         one : Simulated
         """
         others = [other for other in self.laws if family_of(other) != family_of(one)]
-        return [other for other in others if not contains(other, one) and not self.is_settled(other, one)]
+        others = [other for other in others if not contains(other, one) or self.is_worse(one, other)]
+        return [other for other in others if not self.is_settled(other, one)]
 
     def is_settled(self, other: Simulated, best: Simulated) -> bool:
-        """Whether a law is in the group of the best one, or has more parameters than a linear effect needs.
-
-        Over a small travel cogging is a spring: it fits as well as the spring, which it cannot exclude.
+        """Whether a law is in the group of the best one, or linear as it and with more parameters.
 
         Parameters
         ----------
         other, best : Simulated
         """
-        is_enough = self.is_among_linear(best) and self.is_adequate(best)
+        both = self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)
         more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
-        return (is_enough and more) or other in self.alike(best)
+        return (both and more) or other in self.alike(best)
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
@@ -330,14 +329,17 @@ def may_be_noise(null: Simulated, settings: DecisionSettings) -> bool:
 
 
 def contains(one: Simulated, other: Simulated) -> bool:
-    """Whether another fit's law is this one's over small angles: a spring and an unbalance.
+    """Whether another fit's law is this one's over small angles: a spring, and an unbalance or a cogging.
 
     Parameters
     ----------
     one, other : Simulated
     """
-    parts = [find(each.effects[0]).linear_part if each.effects else None for each in (one, other)]
-    return parts == ["pendulum", "spring"]
+    if not (one.effects and other.effects) or find(other.effects[0]).linear_part != "spring":
+        return False
+    kind = find(one.effects[0])
+    is_sine = bool(kind.c.looks_at_angle) and law(kind).phase is not None
+    return is_sine or kind.linear_part == "pendulum"
 
 
 def family_of(one: Simulated) -> str:

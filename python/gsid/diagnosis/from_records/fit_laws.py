@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
@@ -120,6 +122,8 @@ def _fit_null_again(run: Run, fits: Simulations) -> None:
     """
     if run.null is None or run.final is None or run.decision.verdict not in (MISSING, NEAREST):
         return
+    # With work of its own: a law that was finished may have a null in a wrong minimum.
+    fits = replace(fits, deadline=run.deadline.bounded(run.settings.moves_of_fit))
     for start in without_added(run.final.model, run.null.model):
         again = fits.fit(start, ())
         if again is not None and again.cost < run.null.cost - NOTEWORTHY:

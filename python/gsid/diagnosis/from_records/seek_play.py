@@ -53,8 +53,7 @@ def seek_play(run: Run) -> None:
         return
     with run.timed("simulation"):
         fits = run.simulations()
-        tried = structures_for_play(run.start.model(), run.null.model, run.f_lo_hz, run.settings)
-        best = _best(run, fits, tried)
+        best = _best(run, fits, _structures(run, run.start.model()))
         if best is not None:
             found, structure = best
             take(run, found, BACKLASH)
@@ -65,38 +64,85 @@ def seek_play(run: Run) -> None:
 
 
 def seek_play_from_data(run: Run) -> None:
-    """Try play beside a given model from values that the data show.
+    """Try play beside a given linear model from values that the data show.
 
-    Without play, a fit from values that are far off loses a mode, or takes it for the joint.
+    Without play, a fit from values that are far off loses a mode, or takes it for the joint. The model alone
+    is fitted from there as well.
 
     Parameters
     ----------
     run : Run
     """
-    if run.given is None or not _is_worth_it(run):
+    if run.given is None or run.known or not _is_worth_it(run):
         return
     try:
         found = start(run.measured, output=run.given.output, band=run.band, deadline=run.deadline)
-    except (GsidError, InputError, OutOfTime):
+    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return
     if not found.has_model:
         return
     with run.timed("simulation"):
         fits = run.simulations()
-        shown = structures_for_play(found.model(), run.null.model, run.f_lo_hz, run.settings)
-        tried = [
-            run.given.with_values([one[name].value for name in run.given.free_names])
-            for one in shown
-            if _is_same_structure(run.given, one)
-        ]
+        shown = _structures(run, found.model())
+        tried = [with_values_of(run.stack, one) for one in shown if is_same_structure(run.stack, one)]
         best = _best(run, fits, tried)
         if best is not None:
+            _fit_null_there(run, best[1])
             take(run, best[0], BACKLASH)
+            if run.evidence().is_adequate(best[0]):
+                add_rival(run, fits, best[1], best[0])
     run.not_tried.update(fits.not_tried)
 
 
-def _is_same_structure(one: PlantModel, other: PlantModel) -> bool:
+def _fit_null_there(run: Run, structure: PlantModel) -> None:
+    """The linear part alone from the values beside which play was fitted: play has to be better than that."""
+    fits = replace(run.simulations(), deadline=run.deadline.bounded(run.settings.moves_of_fit))
+    again = fits.fit(structure, ())
+    if again is not None and again.cost < run.null.cost:
+        run.null = again
+
+
+def is_same_structure(one: PlantModel, other: PlantModel) -> bool:
+    """Whether two models have the same elements.
+
+    Parameters
+    ----------
+    one, other : PlantModel
+    """
     return sorted(effect.id for effect in one.effects) == sorted(effect.id for effect in other.effects)
+
+
+def with_values_of(given: PlantModel, other: PlantModel) -> PlantModel:
+    """A model with the free values of another one of the same elements, modes in the order of frequency.
+
+    Parameters
+    ----------
+    given, other : PlantModel
+    """
+    label_in_other = dict(zip(_ordered_labels(given), _ordered_labels(other), strict=True))
+    values = []
+    for name in given.free_names:
+        label, _, parameter = name.rpartition(".")
+        values.append(other[f"{label_in_other[label]}.{parameter}"].value)
+    return given.with_values(values)
+
+
+def _ordered_labels(model: PlantModel) -> list[str]:
+    """Labels by the id of their effects, those of modes by frequency."""
+
+    def place(pair: tuple[str, Effect]) -> tuple[str, float]:
+        effect = pair[1]
+        return effect.id, effect.params["f_hz"].value if effect.id == MODE else 0.0
+
+    return [label for label, _ in sorted(model.labels(), key=place)]
+
+
+def _structures(run: Run, found: PlantModel) -> list[PlantModel]:
+    """`structures_for_play`; none where a mode that would become the body has no residue."""
+    try:
+        return structures_for_play(found, run.null.model, run.f_lo_hz, run.settings)
+    except (InputError, ZeroDivisionError):
+        return []
 
 
 def _best(
@@ -146,7 +192,8 @@ def structures_for_play(
     """
     fitted, swapped = (_with_one_lag(_lowest_as_body(one)) for one in (fitted, found))
     sharp = _sharp_modes(swapped, settings)
-    sharp = [mode for mode in sharp if mode.params["f_hz"].value > OWN_MODE * _resonance_hz(fitted)]
+    if SPRING not in found.stack():  # then its sprung body is one of its modes
+        sharp = [mode for mode in sharp if mode.params["f_hz"].value > OWN_MODE * _resonance_hz(fitted)]
     first = _with_modes(fitted, _beside(sharp, swapped, fitted) or _sharp_modes(fitted, settings))
     modes = sorted(_free_modes(swapped), key=lambda mode: mode.params["zeta"].value)
     fewer = [modes[:-1]] if modes else []

@@ -46,9 +46,8 @@ def seek_stop(run: Run) -> None:
         return
     with run.timed("simulation"):
         try:
-            deadline = run.deadline.bounded(run.settings.moves_of_fit)  # the laws may have used up theirs
-            low = _linear_part_of(run, quiet, deadline)
-            fitted = None if low is None else _fitted(run, low, loud, deadline)
+            low = _linear_part_of(run, quiet)
+            fitted = None if low is None else _fitted(run, low, loud, _own_work(run))
         except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             return
         if fitted is None or fitted.cost_per_dof - 1 > run.settings.less_left * (least_left(run) - 1):
@@ -69,20 +68,25 @@ def _is_worth_it(run: Run) -> bool:
     return least_left(run) > MISFIT and not run.deadline.is_over
 
 
-def _linear_part_of(run: Run, quiet: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:
+def _own_work(run: Run) -> Deadline:
+    """The deadline with work of its own: the laws may have used up theirs."""
+    return run.deadline.bounded(run.settings.moves_of_fit)
+
+
+def _linear_part_of(run: Run, quiet: Sequence[Spectra]) -> PlantFit | None:
     """The linear part of some records, with a structure of their own unless one is given."""
     run.on_step("fitting the linear part to the records of the lower levels")
     structures = [run.null.model]
-    if run.given is not None:  # a fit to all records may have left its values far behind
-        structures.append(run.given)
-    else:
-        found = start(quiet, output=run.null.model.output, band=run.band, deadline=deadline)
+    if run.given is None:
+        found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
         if found.has_model:
             structures = [canonical_stack(found.model(), run.f_lo_hz, run.settings)]
+    elif not run.known:  # the fit to all records may have left the given values far behind
+        structures.append(run.stack)
     for structure in structures:
-        with suppress(GsidError, InputError):
+        with suppress(GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             begin = linear_start(structure, quiet)
-            low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=deadline)
+            low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
             if low.cost_per_dof <= run.settings.adequate:
                 return low
     return None

@@ -20,11 +20,6 @@ class Candidate:
     effect: str
     model: PlantModel
 
-    @property
-    def is_in_model(self) -> bool:
-        """Whether the model has the law: a linear effect that became zero was removed from the stack."""
-        return any(effect.id == self.effect for effect in self.model.effects)
-
 
 def short_list(
     draft: Draft, pruned: Callable[[PlantModel], PlantModel], settings: DecisionSettings
@@ -60,7 +55,7 @@ def short_list(
     if simpler and simpler not in [one.effect for one in listed]:
         base = pruned(with_stack(draft.model, winner.linear))
         listed.append(Candidate(simpler, base.with_effect(simpler, winner.params)))
-    return [one for one in listed if one.is_in_model]
+    return listed
 
 
 def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel]) -> PlantModel:
