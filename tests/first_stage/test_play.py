@@ -1,6 +1,7 @@
 """Play between motor and load from the records alone: structures that leave out what imitates the joint."""
 
 import math
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import hard
@@ -149,6 +150,24 @@ def test_values_that_the_data_show_are_those_of_modes_of_the_same_order():
     assert modes_of(found) == {(33, 0.5), (99, 0.02)}
     assert found["flexible_mode.f_hz"].value == 99.0
     assert values(found, "rigid_body")["gain"] == 7.0
+
+
+@pytest.mark.parametrize(("known", "elements"), [([], DELAY), ([], LAG), (["a law"], DELAY)])
+def test_play_is_tried_beside_a_given_linear_model_with_the_values_of_the_data(monkeypatch, known, elements):
+    given = with_modes(model(BODY, VISCOUS, DELAY), mode(30.0))
+    shown = with_modes(model({"rigid_body": {"gain": 7.0}}, VISCOUS, elements), mode(45.0))
+    found, tried = SimpleNamespace(has_model=True, model=lambda: shown), []
+    monkeypatch.setattr(seek_play, "start", lambda *_, **__: found)
+    monkeypatch.setattr(seek_play, "_is_worth_it", lambda run: True)
+    monkeypatch.setattr(seek_play, "structures_for_play", lambda *_: [shown])
+    monkeypatch.setattr(seek_play, "_best", lambda run, fits, structures: tried.extend(structures))
+    run = SimpleNamespace(given=given, stack=given, known=known, measured=[], band=None, deadline=Deadline())
+    run.timed, run.simulations = lambda step: nullcontext(), lambda: SimpleNamespace(not_tried={})
+    run.null, run.f_lo_hz, run.settings, run.not_tried = SimpleNamespace(model=given), F_LO, DEFAULTS, {}
+    seek_play.seek_play_from_data(run)
+    is_alike = elements is DELAY and not known
+    assert [modes_of(one) for one in tried] == ([{(45, 0.02)}] if is_alike else [])
+    assert [values(one, "rigid_body")["gain"] for one in tried] == ([7.0] if is_alike else [])
 
 
 @pytest.mark.parametrize("residue", [0.0, -1e-12])

@@ -465,6 +465,23 @@ def test_the_best_law_is_finished_if_it_explains_most_and_was_cut_short(change, 
     assert (run.laws[1] is finished) is is_finished
 
 
+def test_the_laws_of_the_short_list_end_with_the_best_one_finished(monkeypatch):
+    best, finished = SimpleNamespace(**CUT_SHORT), SimpleNamespace(**CUT_SHORT | {"converged": True})
+    run = SimpleNamespace(laws=[], cut=False, deadline=Deadline(), given=None, settings=DEFAULTS, final=None)
+    run.null, run.noise_p_value, run.alpha = SimpleNamespace(cost=100.0), 0.0, 0.05
+
+    def decide():
+        run.final = run.laws[0]
+
+    run.decide = decide
+    for further in ("_add_bias", "_fit_null_again"):
+        monkeypatch.setattr(fit_laws, further, lambda run, fits: None)
+    fits = SimpleNamespace(fit=lambda *_: best, finished=lambda one: finished)
+    fit_laws._fit_laws(run, fits, [SimpleNamespace(model=None, effect="hard_stop")])
+    assert run.laws == [finished]
+    assert run.final is finished
+
+
 @pytest.mark.parametrize(("cost", "is_taken"), [(9.0, True), (11.0, False), (OutOfTime(""), False)])
 def test_a_fit_is_finished_with_work_of_its_own(monkeypatch, cost, is_taken):
     """Bug: a stop that left only noise was unknown, because its rivals had used up the work of its fit."""

@@ -1,5 +1,7 @@
 """Stops that the axis runs into at the high level only."""
 
+from types import SimpleNamespace
+
 import hard
 import numpy as np
 import pytest
@@ -8,6 +10,9 @@ from test_steps import BODY, SPRING, VISCOUS, model
 
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.errors import InputError
+from gsid.diagnosis.from_records import seek_stop
+from gsid.diagnosis.from_records.settings import DEFAULTS as DECISION
 from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, nearest_start, with_edges
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
@@ -97,6 +102,31 @@ def test_bug_a_stop_that_leaves_less_than_twice_the_noise_was_not_looked_for():
     trial = hard.make_hard(99011, 34, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+
+
+@pytest.mark.parametrize("fault", [InputError("cannot be simulated"), OutOfTime(""), 1.2])
+@pytest.mark.parametrize("known", [[], ["a law"]])
+def test_the_low_levels_are_fitted_from_the_given_values_as_well(
+    monkeypatch, fault, known
+):
+    """Each start has work of its own."""
+    work = []
+
+    def fit_plant(begin, quiet, *, band, max_iter, deadline):
+        work.append(deadline.moves_left)
+        deadline.spend(deadline.moves_left)
+        if begin == "fitted" and isinstance(fault, Exception):
+            raise fault
+        return SimpleNamespace(cost_per_dof=fault if begin == "fitted" else 1.0)
+
+    monkeypatch.setattr(seek_stop, "fit_plant", fit_plant)
+    monkeypatch.setattr(seek_stop, "linear_start", lambda structure, quiet: structure)
+    run = SimpleNamespace(on_step=lambda text: None, null=SimpleNamespace(model="fitted"), stack="given")
+    run.given, run.known, run.band = "given", known, None
+    run.deadline, run.settings = Deadline().bounded(0.0), DECISION
+    low = seek_stop._linear_part_of(run, ["a record"])
+    assert (low is not None) is (not known)
+    assert work == [DECISION.moves_of_fit] * (1 if known else 2)
 
 
 def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
