@@ -106,9 +106,7 @@ def test_bug_a_stop_that_leaves_less_than_twice_the_noise_was_not_looked_for():
 
 @pytest.mark.parametrize("fault", [InputError("cannot be simulated"), OutOfTime(""), 1.2])
 @pytest.mark.parametrize("known", [[], ["a law"]])
-def test_the_low_levels_are_fitted_from_the_given_values_as_well(
-    monkeypatch, fault, known
-):
+def test_the_low_levels_are_fitted_from_the_given_values_as_well(monkeypatch, fault, known):
     """Each start has work of its own."""
     work = []
 
