@@ -108,9 +108,16 @@ def test_a_law_without_a_larger_one_stays_alone(fits):
     assert not_excluded(fits[MUCH], "viscous_friction", set(), DEFAULTS) == []
 
 
-def test_a_weak_stribeck_friction_stays_in_the_group():
-    """It was called Coulomb friction alone, which leaves nothing of its drop of 128."""
-    trial = hard.make_hard(97014, 22, "single")
+@pytest.mark.parametrize(
+    ("seed", "index"),
+    [
+        (97014, 22),  # of its drop of 128 Coulomb friction leaves nothing
+        (99015, 4),  # its friction doubles at rest, which changes the torque along the motion by 24 %
+    ],
+)
+def test_a_weak_stribeck_friction_stays_in_the_group(seed, index):
+    """It was called Coulomb friction alone."""
+    trial = hard.make_hard(seed, index, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records])
     print(found)
     assert found.effects[0] == "coulomb_friction"
