@@ -126,7 +126,7 @@ def test_a_weak_stribeck_friction_stays_in_the_group(seed, index):
     shared = [one.probability for one in found.ranking if one.effects and one.effects[0] in found.effects]
     assert len(shared) == len(found.effects)
     assert sum(shared) == pytest.approx(found.probability)
-    assert "To distinguish coulomb_friction from stribeck_friction" in found.next_experiment
+    assert "coulomb_friction from stribeck_friction" in found.next_experiment
 
 
 def test_a_strong_coulomb_friction_is_alone():
