@@ -72,3 +72,11 @@ def test_a_stiffening_spring_beside_a_constant_torque_is_named():
     assert found.laws[0] == ("cubic_spring",)
     assert found.model["cubic_spring.stiffness"].value == pytest.approx(truth["cubic_stiffness"], rel=0.01)
     assert found.model["cable_spring.stiffness"].value == pytest.approx(truth["spring_stiffness"], rel=0.01)
+
+
+def test_bug_a_spring_below_the_lowest_line_gave_each_record_a_mean_angle_of_its_own():
+    """An axis that rests at 57 deg, with its resonance at 0.93 lowest lines: a phase for each record took the
+    place of the spring, and the unbalance was unknown from all starts (seed 101013, single 5)."""
+    trial = hard.make_hard(101013, 5, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects[0]) == ("missing_effect", "mass_unbalance")

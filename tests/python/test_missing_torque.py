@@ -349,6 +349,14 @@ def test_a_spring_in_the_band_or_an_angle_sensor_gives_the_mean_angle():
     assert problem.has_mean_angle(linear_part(plant(FREE)))
 
 
+@pytest.mark.parametrize(("share", "is_known"), [(0.45, False), (0.55, True)])
+def test_a_spring_that_resonates_above_half_of_the_lowest_line_gives_the_mean_angle(share, is_known):
+    problem = Problem(plant(TRUE), spectra_of(records(n_records=1)), None, DEFAULTS)
+    w0 = 2 * np.pi * share * problem.first[0].f_hz[0]
+    held = plant(FREE | {"cable_spring": {"stiffness": w0**2}})
+    assert problem.has_mean_angle(linear_part(held)) is is_known
+
+
 # ---- decisions -------------------------------------------------------------------------------------
 
 MISFIT = Misfit(cost=8000.0, cost_per_dof=4.0, kept=4.0, n_rows=2000, n_periods=0)

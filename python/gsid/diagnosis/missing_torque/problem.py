@@ -270,14 +270,14 @@ class Problem:
         return np.concatenate([together.real, together.imag], axis=-1)
 
     def has_mean_angle(self, part: LinearPart) -> bool:
-        """Whether the mean angle is known: measured, or held by a spring with a resonance in the band.
+        """Whether the mean angle is known: measured, or held by a spring that the records show.
 
         Parameters
         ----------
         part : LinearPart
         """
         lowest = 2 * np.pi * min(float(r.f_hz[0]) for r in self.records)
-        return self.output_angle or self.stiffness(part) > lowest**2
+        return self.output_angle or self.stiffness(part) > (self.settings.held_angle * lowest) ** 2
 
     def stiffness(self, part: LinearPart) -> float:
         """Of all springs, over the inertia [1/s^2].

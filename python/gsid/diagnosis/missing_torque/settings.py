@@ -42,6 +42,9 @@ class SearchSettings:
     corners : tuple of float
         Corner frequencies at which a spring or a damping that the model lacks is tried, in lowest lines of
         the fit: far below that line they do not show.
+    held_angle : float
+        Resonance of the axis with its spring, in lowest lines, above which the spring holds the mean angle:
+        it changes the response at the lowest line by a quarter, which all records show.
     mode_points : int
         Frequencies at which a mode of the model is searched, where the fit from the given values fails.
     mode_lowest : float
@@ -150,6 +153,7 @@ class SearchSettings:
     delays: tuple[float, ...] = (0.5, 0.75, 1.0, 1.35, 1.8)
     missing_delays: tuple[float, ...] = (1.0, 3.0, 8.0, 16.0)
     corners: tuple[float, ...] = (0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
+    held_angle: float = 0.5
     mode_points: int = 260
     mode_lowest: float = 4.0
     mode_dampings: tuple[float, ...] = (0.005, 0.02, 0.08)
