@@ -17,6 +17,7 @@ from gsid.diagnosis.from_records import equal_weights, play, seek_play
 from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
 from gsid.diagnosis.from_records.seek_play import structures_for_play, with_values_of
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
+from gsid.diagnosis.joint_start import turned
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import linear_view
 from gsid.plant.model import PlantModel
@@ -140,6 +141,24 @@ def test_a_mode_beside_a_sprung_body_of_the_start_is_kept():
     stack = with_modes(model(BODY, VISCOUS, SPRING, DELAY), mode(6.0), mode(90.0))
     first, *_ = structures_for_play(stack, stack, F_LO, DEFAULTS)
     assert modes_of(first) == {(6, 0.02), (90, 0.02)}
+
+
+@pytest.mark.parametrize(("delay_s", "other_s"), [(8e-3, 3e-3), (2e-3, 7e-3)])
+def test_a_mode_the_other_way_round_has_the_same_response_at_its_resonance(delay_s, other_s):
+    plant = with_modes(model(BODY, {"transport_delay": {"delay_s": delay_s}}), mode(100.0, residue=0.2))
+    (found,) = turned(plant)
+    assert values(found, "flexible_mode")["residue"] == -0.2
+    assert values(found, "transport_delay")["delay_s"] == pytest.approx(other_s)
+    s = 2j * np.pi * 100.0
+    both = [r * np.exp(-s * d) for r, d in ((0.2, delay_s), (-0.2, other_s))]  # times the same resonance
+    assert both[0] == pytest.approx(both[1])
+
+
+def test_nothing_is_turned_without_a_mode_and_a_free_delay():
+    assert turned(model(BODY, DELAY)) == []
+    fixed = with_modes(model(BODY, DELAY), mode(100.0))
+    fixed.effects[1].params["delay_s"].free = False
+    assert turned(fixed) == []
 
 
 def test_values_that_the_data_show_are_those_of_modes_of_the_same_order():
@@ -346,6 +365,7 @@ def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
     [
         (99013, 17, None),  # a mode of the start stood beside the same resonance of the fitted body
         (99012, 31, 30),  # the fit of the model without play had lost its mode
+        (101012, 23, None),  # a mode the other way round, behind a delay that is longer by half its period
         (99015, 20, 5),  # the restarts from one record ended with the work, one before the last
     ],
 )

@@ -24,6 +24,7 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
+MODE, DELAY = "flexible_mode", "transport_delay.delay_s"
 FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # resonance of the joint, relative to the highest excited line
 LOUD = 0.95  # least input of the records of the highest level, relative to the largest input
 GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # relative to the twist due to the torque of the motor
@@ -69,7 +70,7 @@ def joint_start(
     before = linear_error(linear_start(fit.model, loud), loud)
     trials = []
     origins = [fit.model] if given is fit.model else [fit.model, _as_given(fit.model, given)]
-    for origin in origins:
+    for origin in [*origins, *turned(fit.model)]:
         for share in FREQUENCIES:
             deadline.check()
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
@@ -89,6 +90,30 @@ def joint_start(
         return None
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]
     return min(looked, key=lambda one: one[0])[1] if looked else None
+
+
+def turned(model: PlantModel) -> list[PlantModel]:
+    """The model with its modes the other way round, and a delay that turns them back; none without a mode.
+
+    Near a resonance the opposite mode behind a delay that is longer by half its period has the same response.
+    The phase that a joint takes from the rest of the band leads a fit without it to the wrong one of the two.
+
+    Parameters
+    ----------
+    model : PlantModel
+    """
+    names = model.free_names
+    residues = [
+        name for name in names if name.rpartition(".")[0].startswith(MODE) and name.endswith(".residue")
+    ]
+    if not residues or DELAY not in names:
+        return []
+    half_s = 0.5 / model[residues[0].replace("residue", "f_hz")].value
+    delay_s = model[DELAY].value
+    values = {name: -model[name].value for name in residues}
+    values[DELAY] = delay_s - half_s if delay_s > half_s else delay_s + half_s
+    lower, upper = model.bounds()
+    return [model.with_values(np.clip([values.get(name, model[name].value) for name in names], lower, upper))]
 
 
 def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:
