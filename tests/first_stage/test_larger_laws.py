@@ -7,10 +7,12 @@ import hard
 import numpy as np
 import pytest
 from from_records_study import record_of
+from test_verdict import above, fit
 from test_what_is_left import LINEAR, measured, plant
 
 import gsid
-from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, not_excluded
+from gsid.diagnosis.from_records.evidence import Evidence
+from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, as_good, not_excluded
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, Decision
 from gsid.greybox.fit import fit_plant
@@ -93,7 +95,7 @@ def test_the_group_stays_as_it_is(fits, change):
     run = SimpleNamespace(
         decision=decision, final=final, in_closed_loop=change == "in_closed_loop", without=set(),
         deadline=SimpleNamespace(is_over=change == "deadline"), settings=DEFAULTS, basis=None, notes=[],
-        evidence=lambda: SimpleNamespace(is_adequate=lambda one: change != "adequate"),
+        evidence=lambda: SimpleNamespace(is_adequate=lambda one: change != "adequate", laws=[]),
     )  # fmt: skip
     add_larger_laws(run)
     assert (run.decision == decision) == (change in KEPT)
@@ -127,6 +129,24 @@ def test_a_weak_stribeck_friction_stays_in_the_group(seed, index):
     assert len(shared) == len(found.effects)
     assert sum(shared) == pytest.approx(found.probability)
     assert "coulomb_friction from stribeck_friction" in found.next_experiment
+
+
+@pytest.mark.parametrize(
+    ("best", "other", "rise", "converged", "joins"),
+    [
+        ("cubic_spring", "motor_cogging", 11, True, True),
+        ("cubic_spring", "motor_cogging", 13, True, False),
+        ("cubic_spring", "motor_cogging", -11, False, False),
+        ("cubic_spring", "quadratic_drag", 0, True, False),  # of another family: a rival
+        ("coulomb_friction", "stribeck_friction", -5, True, False),  # contains it: by its shapes
+        ("cable_spring", "motor_cogging", -5, True, False),
+    ],
+)
+def test_another_law_of_the_family_that_fits_as_well_joins_the_group(best, other, rise, converged, joins):
+    """A cogging over a small travel was called a cubic spring alone (seed 101012, single 31)."""
+    first, second = fit(best, 1.0), fit(other, above(1.0, rise), converged=converged)
+    evidence = Evidence(fit("", 5.0), [first, second], (), DEFAULTS)
+    assert as_good(evidence, first, [best]) == ([second] if joins else [])
 
 
 def test_a_strong_coulomb_friction_is_alone():

@@ -8,10 +8,13 @@ is one in which they differ.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.evidence import Evidence, contains, family_of
 from gsid.diagnosis.from_records.law_part import label_of, without
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -83,11 +86,48 @@ def add_larger_laws(run: Run) -> None:
         return
     left_out = {*run.without, *decision.effects, *(effect.id for effect in final.model.effects)}
     found = not_excluded(final.fit, final.effects[0], left_out, run.settings)
-    run.larger = {one.effect: one.model for one in found}
+    alike = as_good(run.evidence(), final, decision.effects)
+    run.larger = {one.effect: one.model for one in found} | {one.effects[0]: one.model for one in alike}
     effects = (*decision.effects, *run.larger)
     run.decision = replace(decision, effects=effects)
     run.basis = run.basis and replace(run.basis, effects=effects)
     run.notes += [one.remark(final.effects[0]) for one in found]
+    run.notes += [
+        f"{one.effects[0]} fits these records as well (cost {one.cost - final.cost:+.1f}), with more"
+        f" parameters; over another travel it differs from {final.effects[0]}."
+        for one in alike
+    ]
+
+
+def as_good(evidence: Evidence, best: Simulated, group: Collection[str]) -> list[Simulated]:
+    """Other laws of the best one's family that leave only noise too, with more parameters.
+
+    Not those that contain it: their shapes are judged one by one. Within the travel of the records a cogging
+    may be a cubic spring; beyond it they are different laws.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    best : Simulated
+    group : collection of str
+        The best law and those that are in its group already.
+    """
+    return [
+        one
+        for one in evidence.laws
+        if one.effects[0] not in group
+        and family_of(one) == family_of(best)
+        and not (contains(one, best) or _is_simpler_of(best.effects[0], one.effects[0]))
+        and evidence.is_adequate(one)
+        and (one.converged or one.stalled)
+        and not evidence.is_worse(one, best)
+    ]
+
+
+def _is_simpler_of(effect: str, larger: str) -> bool:
+    """Whether a law is another one at an end of its shapes, or at several such ends in turn."""
+    simpler = find(larger).simpler
+    return bool(simpler) and (simpler == effect or _is_simpler_of(effect, simpler))
 
 
 def not_excluded(
