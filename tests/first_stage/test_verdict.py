@@ -66,6 +66,20 @@ def test_a_law_that_does_not_contain_a_spring_keeps_it_from_its_name():
         assert found.verdict != "missing_effect"
 
 
+@pytest.mark.parametrize(
+    ("kept", "all_linear", "verdict"),
+    [
+        (1.08, True, "missing_effect"),
+        (1.08, False, "nearest_effect"),
+        (1.06, False, "missing_effect"),  # within two standard deviations of noise
+    ],
+)
+def test_bug_a_mode_was_named_in_place_of_a_lag_that_was_left_out(kept, all_linear, verdict):
+    """It left 9 % of the misfit on records kept out (seed 101012, single 12 without the lags)."""
+    found = decision(fit("flexible_mode", 1.05, kept=kept), null=1.35, all_linear=all_linear)
+    assert (found.verdict, found.effects) == (verdict, ("flexible_mode",))
+
+
 def test_an_unbalance_that_is_significantly_better_than_a_spring_is_named():
     found = decision(fit("cable_spring", 9.0), fit("mass_unbalance", 1.0))
     assert (found.verdict, found.effects) == ("missing_effect", ("mass_unbalance",))

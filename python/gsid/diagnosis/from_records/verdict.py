@@ -128,7 +128,9 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
         reasons.append(too_small(share, settings.named_share))
     if margin < settings.named_margin and not (adequate and evidence.is_clear(best)):
         reasons.append(too_close(margin, lead, evidence.is_beaten_by_none(best)))
-    if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:
+    # Where one was left out, another may stand for it and leave nearly only noise.
+    is_loose = not adequate or not evidence.all_linear
+    if is_loose and is_linear(best.effects[0]) and share < settings.linear_share:
         reasons.append(inexact("linear effect", share, settings.linear_share))
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.
     if not adequate and not is_steady(best, settings.named_scatter, settings):
