@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from gsid._lib import ffi
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.doubts import doubts
 from gsid.diagnosis.from_records.draft import is_linear
@@ -329,7 +330,9 @@ def may_be_noise(null: Simulated, settings: DecisionSettings) -> bool:
 
 
 def contains(one: Simulated, other: Simulated) -> bool:
-    """Whether another fit's law is this one's over small angles: a spring, and an unbalance or a cogging.
+    """Whether another fit's law is this one's over small angles or without its gap.
+
+    That is a spring, and an unbalance, a cogging, or a stop.
 
     Parameters
     ----------
@@ -339,7 +342,7 @@ def contains(one: Simulated, other: Simulated) -> bool:
         return False
     kind = find(one.effects[0])
     is_sine = bool(kind.c.looks_at_angle) and law(kind).phase is not None
-    return is_sine or kind.linear_part == "pendulum"
+    return is_sine or kind.linear_part == "pendulum" or kind.c.edge != ffi.NULL
 
 
 def family_of(one: Simulated) -> str:
