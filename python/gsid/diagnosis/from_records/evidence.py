@@ -341,8 +341,7 @@ def contains(one: Simulated, other: Simulated) -> bool:
     if not (one.effects and other.effects) or find(other.effects[0]).linear_part != "spring":
         return False
     kind = find(one.effects[0])
-    is_sine = bool(kind.c.looks_at_angle) and law(kind).phase is not None
-    return is_sine or kind.linear_part == "pendulum" or kind.c.edge != ffi.NULL
+    return family(kind) == "position" and (law(kind).phase is not None or kind.c.edge != ffi.NULL)
 
 
 def family_of(one: Simulated) -> str:
