@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import pytest
 
 from gsid.diagnosis.from_records.confirm import Simulated
-from gsid.diagnosis.from_records.evidence import Evidence, is_simpler_of_angle, may_be_noise
+from gsid.diagnosis.from_records.evidence import Evidence, contains, is_simpler_of_angle, may_be_noise
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import decide
 from gsid.diagnosis.missing_torque.conclusion import too_close
+from gsid.effects.types import catalogue
 
 N_DOF = 2000  # two standard deviations of the mean cost are 0.063
 LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
@@ -61,9 +62,14 @@ def test_bug_a_cogging_over_small_angles_kept_a_spring_from_its_name(better, ver
 
 
 def test_a_law_that_does_not_contain_a_spring_keeps_it_from_its_name():
-    for rival in ("presliding_friction", "gear_backlash"):
-        found = decision(fit("cable_spring", above(1.0, 7)), fit(rival, 1.0), null=1.5)
-        assert found.verdict != "missing_effect"
+    found = decision(fit("cable_spring", above(1.0, 7)), fit("presliding_friction", 1.0), null=1.5)
+    assert found.verdict != "missing_effect"
+
+
+def test_only_laws_of_the_position_contain_a_spring():
+    spring = fit("cable_spring", 1.0)
+    containing = [one for one in catalogue() if contains(fit(one, 1.0), spring)]
+    assert containing == ["mass_unbalance", "motor_cogging", "hard_stop"]
 
 
 @pytest.mark.parametrize(("better", "verdict"), [(11, "missing_effect"), (13, "nearest_effect")])
