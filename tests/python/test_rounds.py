@@ -71,6 +71,7 @@ def steps(monkeypatch):
     monkeypatch.setattr(rounds_of, "draw_up", Run.draw_up)
     monkeypatch.setattr(rounds_of, "confirm", lambda run: None)
     monkeypatch.setattr(rounds_of, "fit_play", lambda run: run.notes.append("play"))
+    monkeypatch.setattr(rounds_of, "seek_play_from_data", lambda run: None)
 
 
 def judged(**answers):
