@@ -22,9 +22,9 @@ from-records-times: all $(TRUTH) ## time of each step of the diagnosis from reco
 	    $(BEFORE:%=--before %) --page docs/explanation/from_records.md
 
 .PHONY: diagnosis-probability-study
-diagnosis-probability-study: all $(TRUTH) ## the coefficients of the stated probabilities, from development trials, into docs/explanation/from_records.md (half an hour; resumes; SEED=501 N=80 NULLS=12 FOREIGN=20, or STUDY=FILE, results of from-records-study)
+diagnosis-probability-study: all $(TRUTH) ## the coefficients of the stated probabilities, from development trials, into docs/explanation/from_records.md (half an hour; resumes; SEED=501 N=80 NULLS=12 FOREIGN=20)
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/probability_study.py \
-	    $(STUDY:%=--of-study %) --results $(BUILD)/diagnosis_probability.jsonl $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
+	    --results $(BUILD)/diagnosis_probability.jsonl $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    $(if $(filter-out file,$(origin N)),--n $(N)) $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) \
 	    --page docs/explanation/from_records.md
 

@@ -2,8 +2,7 @@
 
 Each single effect is diagnosed from one of the three starts in turn, as it is and with its family taken out
 of the catalogue; nulls and laws outside the catalogue likewise. Seeds are development seeds (1 to 999).
-Results stay in a file; the same command goes on where it stopped. Instead, the results of a
-from-records-study may be taken, whose seeds are development seeds from then on.
+Results stay in a file; the same command goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -160,12 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="page to put the table into")
     parser.add_argument("--known", action="store_true", help="only the trials that are in the file")
-    parser.add_argument("--of-study", type=Path, help="results of a from-records-study, instead of trials")
     args = parser.parse_args(arguments)
-    if args.of_study:
-        rows = [row for entry in study_pool.read_lines(args.of_study) for row in entry["rows"]]
-        _write(rows, f"make {TARGET} STUDY={args.of_study}", args.page)
-        return
     wanted = tasks(args.seed, args.n, args.nulls, args.foreign)
 
     def on_done(task: study_pool.Task, rows: list[Row], left_s: float) -> None:
@@ -181,14 +175,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     known = {tuple(entry["task"]): entry["rows"] for entry in study_pool.read_lines(args.results)}
     rows = [row for task in wanted for row in known.get(task, [])]
     command = f"make {TARGET} SEED={args.seed} N={args.n} NULLS={args.nulls} FOREIGN={args.foreign}"
-    _write(rows, command, args.page)
-
-
-def _write(rows: Sequence[Row], command: str, page: Path | None) -> None:
     text = table(rows, command)
     print(text)
-    if page:
-        put_into(page, text, TARGET)
+    if args.page:
+        put_into(args.page, text, TARGET)
 
 
 if __name__ == "__main__":
