@@ -15,7 +15,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import equal_weights, play, seek_play
 from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
-from gsid.diagnosis.from_records.seek_play import structures_for_play, with_values_of
+from gsid.diagnosis.from_records.play_structures import structures_for_play, with_values_of
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
 from gsid.diagnosis.joint_start import turned
 from gsid.plant.effect import Effect, Param
@@ -191,10 +191,10 @@ def test_play_is_tried_beside_a_given_linear_model_with_the_values_of_the_data(m
 
 @pytest.mark.parametrize("residue", [0.0, -1e-12])
 def test_bug_a_mode_without_residue_ended_the_diagnosis(residue):
-    run = SimpleNamespace(f_lo_hz=F_LO, settings=DEFAULTS)
+    """It became the body, with a gain of zero, and the residues of the others were divided by it."""
     stack = with_modes(model(BODY, VISCOUS, JOINT, mode(3.0, residue=residue), DELAY), mode(90.0))
-    run.null = SimpleNamespace(model=stack)
-    assert seek_play._structures(run, stack) == []
+    first, *_ = structures_for_play(stack, stack, F_LO, DEFAULTS)
+    assert values(first, "rigid_body")["gain"] == BODY["rigid_body"]["gain"]
 
 
 def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(monkeypatch):

@@ -24,7 +24,7 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
-MODE, DELAY = "flexible_mode", "transport_delay.delay_s"
+DELAY = "transport_delay.delay_s"
 FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # resonance of the joint, relative to the highest excited line
 LOUD = 0.95  # least input of the records of the highest level, relative to the largest input
 GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # relative to the twist due to the torque of the motor
@@ -93,27 +93,26 @@ def joint_start(
 
 
 def turned(model: PlantModel) -> list[PlantModel]:
-    """The model with its modes the other way round, and a delay that turns them back; none without a mode.
+    """The model with the opposite modes, and with the delay that has the same response; none without both.
 
-    Near a resonance the opposite mode behind a delay that is longer by half its period has the same response.
-    The phase that a joint takes from the rest of the band leads a fit without it to the wrong one of the two.
+    Near its resonance a mode with the opposite residue has the same response behind a delay that differs by
+    half its period. A fit without the joint, whose phase it takes for a delay, may end in the wrong one.
 
     Parameters
     ----------
     model : PlantModel
+        With several modes the delay is that of the first.
     """
     names = model.free_names
-    residues = [
-        name for name in names if name.rpartition(".")[0].startswith(MODE) and name.endswith(".residue")
-    ]
-    if not residues or DELAY not in names:
+    modes = [label for label, one in model.labels() if one.type.linear_part == "mode"]
+    modes = [label for label in modes if f"{label}.residue" in names]
+    if not modes or DELAY not in names:
         return []
-    half_s = 0.5 / model[residues[0].replace("residue", "f_hz")].value
-    delay_s = model[DELAY].value
-    values = {name: -model[name].value for name in residues}
+    delay_s, half_s = model[DELAY].value, 0.5 / model[f"{modes[0]}.f_hz"].value
+    values = {f"{label}.residue": -model[f"{label}.residue"].value for label in modes}
     values[DELAY] = delay_s - half_s if delay_s > half_s else delay_s + half_s
-    lower, upper = model.bounds()
-    return [model.with_values(np.clip([values.get(name, model[name].value) for name in names], lower, upper))]
+    changed = [values.get(name, model[name].value) for name in names]
+    return [model.with_values(np.clip(changed, *model.bounds()))]
 
 
 def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:

@@ -111,7 +111,8 @@ class Simulations:
             return None
         model = self._completed(model)
         if not set(effects) <= {effect.id for effect in model.effects}:
-            self.not_tried[name] = "the first stage made it zero"
+            is_left_out = set(effects) & set(self.left_out)
+            self.not_tried[name] = "left out in a closed loop" if is_left_out else "zero in the first stage"
             return None
         self.on_step(f"fitting {name} by simulation")
         try:
@@ -129,7 +130,7 @@ class Simulations:
         return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
 
     def finished(self, one: Simulated) -> Simulated:
-        """A fit that was cut short, carried on with work of its own; the same if that leads to no result.
+        """Continue a fit that was cut short, with work of its own; the same fit if that gives no better one.
 
         Parameters
         ----------

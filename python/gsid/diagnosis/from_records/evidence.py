@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gsid._lib import ffi
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.doubts import doubts
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.what_is_left import what_is_left
-from gsid.diagnosis.missing_torque.catalogue import family, law
+from gsid.diagnosis.missing_torque.catalogue import contains_spring, family
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 
@@ -330,9 +329,7 @@ def may_be_noise(null: Simulated, settings: DecisionSettings) -> bool:
 
 
 def contains(one: Simulated, other: Simulated) -> bool:
-    """Whether another fit's law is this one's over small angles or without its gap.
-
-    That is a spring, and an unbalance, a cogging, or a stop.
+    """Whether a law contains another one of another family: an unbalance, a cogging or a stop a spring.
 
     Parameters
     ----------
@@ -340,8 +337,7 @@ def contains(one: Simulated, other: Simulated) -> bool:
     """
     if not (one.effects and other.effects) or find(other.effects[0]).linear_part != "spring":
         return False
-    kind = find(one.effects[0])
-    return family(kind) == "position" and (law(kind).phase is not None or kind.c.edge != ffi.NULL)
+    return contains_spring(find(one.effects[0]))
 
 
 def family_of(one: Simulated) -> str:

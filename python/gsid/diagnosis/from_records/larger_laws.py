@@ -94,16 +94,16 @@ def add_larger_laws(run: Run) -> None:
     run.notes += [one.remark(final.effects[0]) for one in found]
     run.notes += [
         f"{one.effects[0]} fits these records as well (cost {one.cost - final.cost:+.1f}), with more"
-        f" parameters; over another travel it differs from {final.effects[0]}."
+        f" parameters; over another motion it may differ from {final.effects[0]}."
         for one in alike
     ]
 
 
 def as_good(evidence: Evidence, best: Simulated, group: Collection[str]) -> list[Simulated]:
-    """Other laws of the best one's family that leave only noise too, with more parameters.
+    """Laws of the best one's family with more parameters that leave only noise too.
 
-    Not those that contain it: their shapes are judged one by one. Within the travel of the records a cogging
-    may be a cubic spring; beyond it they are different laws.
+    Those with as many are in the group already; those that contain it are judged by their shapes. Within the
+    travel of the records a cogging may be a cubic spring; beyond it they are different laws.
 
     Parameters
     ----------

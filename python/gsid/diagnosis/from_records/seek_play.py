@@ -7,7 +7,6 @@ structures without these elements.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,28 +14,21 @@ import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import (
-    BODY,
-    LAGS,
-    MODE,
-    SPRING,
-    beside_body,
-    canonical_stack,
-    with_mode_as_body,
-)
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
+from gsid.diagnosis.from_records.play_structures import (
+    is_same_structure,
+    structures_for_play,
+    with_values_of,
+)
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
-from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.structure.start import start
 
-OWN_MODE = 2.0  # times the resonance of a body: a mode of another structure below that is this body
 NULL_STEPS = 3  # iterations of the fit of a linear structure, which begins at its response
 
 
@@ -51,16 +43,8 @@ def seek_play(run: Run) -> None:
     """
     if run.start is None or not _is_worth_it(run):
         return
-    with run.timed("simulation"):
-        fits = run.simulations()
-        best = _best(run, fits, _structures(run, run.start.model()))
-        if best is not None:
-            found, structure = best
-            take(run, found, BACKLASH)
-            if run.evidence().is_adequate(found):
-                add_rival(run, fits, structure, found)
+    _try(run, _structures(run, run.start.model()))
     run.tried.add(BACKLASH)
-    run.not_tried.update(fits.not_tried)
 
 
 def seek_play_from_data(run: Run) -> None:
@@ -81,16 +65,22 @@ def seek_play_from_data(run: Run) -> None:
         return
     if not found.has_model:
         return
+    shown = _structures(run, found.model())
+    _try(run, [with_values_of(run.stack, one) for one in shown if is_same_structure(run.stack, one)])
+
+
+def _try(run: Run, structures: Sequence[PlantModel]) -> None:
+    """Decide with the best fit of play beside some structures, and with its rival there."""
     with run.timed("simulation"):
         fits = run.simulations()
-        shown = _structures(run, found.model())
-        tried = [with_values_of(run.stack, one) for one in shown if is_same_structure(run.stack, one)]
-        best = _best(run, fits, tried)
+        best = _best(run, fits, structures)
         if best is not None:
-            _fit_null_there(run, best[1])
-            take(run, best[0], BACKLASH)
-            if run.evidence().is_adequate(best[0]):
-                add_rival(run, fits, best[1], best[0])
+            found, structure = best
+            if run.given is not None:
+                _fit_null_there(run, structure)
+            take(run, found, BACKLASH)
+            if run.evidence().is_adequate(found):
+                add_rival(run, fits, structure, found)
     run.not_tried.update(fits.not_tried)
 
 
@@ -102,46 +92,11 @@ def _fit_null_there(run: Run, structure: PlantModel) -> None:
         run.null = again
 
 
-def is_same_structure(one: PlantModel, other: PlantModel) -> bool:
-    """Whether two models have the same elements.
-
-    Parameters
-    ----------
-    one, other : PlantModel
-    """
-    return sorted(effect.id for effect in one.effects) == sorted(effect.id for effect in other.effects)
-
-
-def with_values_of(given: PlantModel, other: PlantModel) -> PlantModel:
-    """A model with the free values of another one of the same elements, modes in the order of frequency.
-
-    Parameters
-    ----------
-    given, other : PlantModel
-    """
-    label_in_other = dict(zip(_ordered_labels(given), _ordered_labels(other), strict=True))
-    values = []
-    for name in given.free_names:
-        label, _, parameter = name.rpartition(".")
-        values.append(other[f"{label_in_other[label]}.{parameter}"].value)
-    return given.with_values(values)
-
-
-def _ordered_labels(model: PlantModel) -> list[str]:
-    """Labels by the id of their effects, those of modes by frequency."""
-
-    def place(pair: tuple[str, Effect]) -> tuple[str, float]:
-        effect = pair[1]
-        return effect.id, effect.params["f_hz"].value if effect.id == MODE else 0.0
-
-    return [label for label, _ in sorted(model.labels(), key=place)]
-
-
 def _structures(run: Run, found: PlantModel) -> list[PlantModel]:
-    """`structures_for_play`; none where a mode that would become the body has no residue."""
+    """`structures_for_play`; none where a value would be beyond its bounds."""
     try:
         return structures_for_play(found, run.null.model, run.f_lo_hz, run.settings)
-    except (InputError, ZeroDivisionError):
+    except InputError:
         return []
 
 
@@ -167,84 +122,6 @@ def _is_worth_it(run: Run) -> bool:
     if run.decision.verdict not in (UNKNOWN, NEAREST) or run.deadline.is_over:
         return False
     return least_left(run) > run.settings.much_left
-
-
-def structures_for_play(
-    found: PlantModel, fitted: PlantModel, f_lo_hz: float, settings: DecisionSettings
-) -> list[PlantModel]:
-    """Canonical stacks without elements that may stand for a joint with play, the likelier first.
-
-    Parameters
-    ----------
-    found : PlantModel
-        Of `gsid.start`.
-    fitted : PlantModel
-        The canonical stack, fitted by simulation: its body is the sprung axis where that of `found` is not.
-    f_lo_hz, settings
-        As `canonical_stack`.
-
-    Returns
-    -------
-    list of PlantModel
-        Three at most, whose body is the element with the lowest resonance. The first is the fitted stack with
-        the sharp modes of `found` beside its body; if there are none, with its own. In the others modes above
-        the band are left out, and then the mode with the largest damping.
-    """
-    fitted, swapped = (_with_one_lag(_lowest_as_body(one)) for one in (fitted, found))
-    sharp = _sharp_modes(swapped, settings)
-    if SPRING not in found.stack():  # then its sprung body is one of its modes
-        sharp = [mode for mode in sharp if mode.params["f_hz"].value > OWN_MODE * _resonance_hz(fitted)]
-    first = _with_modes(fitted, _beside(sharp, swapped, fitted) or _sharp_modes(fitted, settings))
-    modes = sorted(_free_modes(swapped), key=lambda mode: mode.params["zeta"].value)
-    fewer = [modes[:-1]] if modes else []
-    is_swapped = sum(e.id == MODE for e in swapped.effects) < sum(e.id == MODE for e in found.effects)
-    kept = [modes, *fewer] if is_swapped or not modes else fewer
-    tried = [first, *(_with_modes(swapped, some) for some in kept)]
-    return [canonical_stack(one, f_lo_hz, settings, merged=False) for one in tried]
-
-
-def _free_modes(model: PlantModel) -> list[Effect]:
-    """Its modes that are not held fixed: those above the band are."""
-    return [effect for effect in model.effects if effect.id == MODE and effect.params["f_hz"].free]
-
-
-def _sharp_modes(model: PlantModel, settings: DecisionSettings) -> list[Effect]:
-    return [one for one in _free_modes(model) if one.params["zeta"].value < settings.zeta_of_joint]
-
-
-def _beside(modes: list[Effect], own: PlantModel, other: PlantModel) -> list[Effect]:
-    """The modes of a model beside the body of another one: a residue is a share of the body's gain."""
-    gain, of_other = (one.stack()[BODY]["gain"] for one in (own, other))
-    return [beside_body(mode, of_other / gain) for mode in modes]
-
-
-def _with_modes(model: PlantModel, modes: list[Effect]) -> PlantModel:
-    return replace(model, effects=[*(e for e in model.effects if e.id != MODE), *modes])
-
-
-def _lowest_as_body(model: PlantModel) -> PlantModel:
-    """The model with the lowest mode as the sprung body, if it lies below the resonance of the body."""
-    stack = model.stack()
-    modes = [effect for effect in model.effects if effect.id == MODE]
-    if SPRING not in stack or BODY not in stack or not modes:
-        return model
-    lowest = min(modes, key=lambda mode: mode.params["f_hz"].value)
-    is_body = lowest.params["f_hz"].value < _resonance_hz(model)
-    return with_mode_as_body(model, lowest) if is_body else model
-
-
-def _resonance_hz(model: PlantModel) -> float:
-    """Undamped resonance of the body with its spring [Hz]; 0 without a spring."""
-    stiffness = model.stack().get(SPRING, {"stiffness": 0.0})["stiffness"]
-    return math.sqrt(max(stiffness, 0.0)) / (2 * math.pi)
-
-
-def _with_one_lag(model: PlantModel) -> PlantModel:
-    """The model without its second lag, which may stand for the joint as well."""
-    second = [effect for effect in model.effects if effect.id in LAGS][1:]
-    return replace(
-        model, effects=[effect for effect in model.effects if all(effect is not one for one in second)]
-    )
 
 
 def _fitted(run: Run, fits: Simulations, structure: PlantModel, work: Deadline) -> Simulated | None:

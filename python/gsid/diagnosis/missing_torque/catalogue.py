@@ -70,6 +70,16 @@ def law(effect: EffectType, own_phases: int = 0) -> Law:
     return replace(found, own_phases=own_phases) if found.phase else found
 
 
+def contains_spring(effect: EffectType) -> bool:
+    """Whether a law of the position is a spring over a small travel, as a sine is, or without its gap.
+
+    Parameters
+    ----------
+    effect : EffectType
+    """
+    return family(effect) == "position" and (law(effect).phase is not None or effect.c.edge != ffi.NULL)
+
+
 def enlarged_laws(of_family: str) -> list[Law]:
     """Rivals of the laws of a family from outside the catalogue.
 
