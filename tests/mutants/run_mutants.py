@@ -68,6 +68,7 @@ TESTS_OF = {  # of a part with tests of its own
         "tests/first_stage/test_verdict.py",
         "tests/first_stage/test_decisions.py",
         "tests/first_stage/test_steps.py",
+        "tests/first_stage/test_simulations.py",
         *(
             f"tests/first_stage/test_from_records.py::test_{name}"
             for name in (
