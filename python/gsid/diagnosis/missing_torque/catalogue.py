@@ -71,13 +71,14 @@ def law(effect: EffectType, own_phases: int = 0) -> Law:
 
 
 def contains_spring(effect: EffectType) -> bool:
-    """Whether a law of the position is a spring over a small travel, as a sine is, or without its gap.
+    """Whether a law is a spring over a small travel, as a sine is, without its gap, or before it slides.
 
     Parameters
     ----------
     effect : EffectType
     """
-    return family(effect) == "position" and (law(effect).phase is not None or effect.c.edge != ffi.NULL)
+    of_position = family(effect) == "position" and (law(effect).phase is not None or effect.c.edge != ffi.NULL)
+    return of_position or bool(effect.c.has_memory)
 
 
 def enlarged_laws(of_family: str) -> list[Law]:
