@@ -6,7 +6,7 @@ records of the lower levels alone show the true linear part, beside which the ed
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -16,6 +16,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import BODY, canonical_stack
 from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
+from gsid.diagnosis.from_records.play_structures import is_same_structure, with_values_of
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.stop_edges import STOP, at_high_level, edges_along_motion, nearest_start
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
@@ -76,20 +77,37 @@ def _own_work(run: Run) -> Deadline:
 def _linear_part_of(run: Run, quiet: Sequence[Spectra]) -> PlantFit | None:
     """The linear part of some records, with a structure of their own unless one is given."""
     run.on_step("fitting the linear part to the records of the lower levels")
-    structures = [run.null.model]
-    if run.given is None:
-        found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
-        if found.has_model:
-            structures = [canonical_stack(found.model(), run.f_lo_hz, run.settings)]
-    elif not run.known:  # the fit to all records may have left the given values far behind
-        structures.append(run.stack)
-    for structure in structures:
+    for structure in _structures(run, quiet):
         with suppress(GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             begin = linear_start(structure, quiet)
             low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
             if low.cost_per_dof <= run.settings.adequate:
                 return low
     return None
+
+
+def _structures(run: Run, quiet: Sequence[Spectra]) -> Iterator[PlantModel]:
+    """Starts of the linear part: its own one; or a given one, at fitted values, as given, as the data show.
+
+    The fit of a given model to all records may have left its values far behind.
+    """
+    if run.given is None:
+        own = _own_structure(run, quiet)
+        yield own or run.null.model
+        return
+    yield run.null.model
+    if run.known:
+        return
+    yield run.stack
+    own = _own_structure(run, quiet)
+    if own is not None and is_same_structure(run.stack, own):
+        yield with_values_of(run.stack, own)
+
+
+def _own_structure(run: Run, quiet: Sequence[Spectra]) -> PlantModel | None:
+    """The canonical stack that some records show; None if they show none."""
+    found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
+    return canonical_stack(found.model(), run.f_lo_hz, run.settings) if found.has_model else None
 
 
 def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:
