@@ -163,8 +163,8 @@ def test_bug_a_stop_was_unknown_because_its_fit_was_cut_short():
 @pytest.mark.long
 @pytest.mark.parametrize("percent", [5, 30, None])
 def test_bug_a_stop_was_lost_with_a_linear_part_that_could_not_be_simulated(percent):
-    """The fit of the model to all records had left its values far behind, and the search began there; from the
-    given values 30 % off it was in another minimum. From the records alone it ended in a StopIteration."""
+    """The fit of the model to all records had left its values far behind, and the search began there; from
+    values 30 % off it ended in another minimum. From the records alone it ended in a StopIteration."""
     trial = hard.make_hard(98011, 28, "single")
     given = percent and PlantModel.from_dict(trial.models[percent / 100], "given")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)

@@ -77,8 +77,9 @@ def contains_spring(effect: EffectType) -> bool:
     ----------
     effect : EffectType
     """
-    of_position = family(effect) == "position" and (law(effect).phase is not None or effect.c.edge != ffi.NULL)
-    return of_position or bool(effect.c.has_memory)
+    if family(effect) != "position":
+        return bool(effect.c.has_memory)
+    return law(effect).phase is not None or effect.c.edge != ffi.NULL
 
 
 def enlarged_laws(of_family: str) -> list[Law]:
