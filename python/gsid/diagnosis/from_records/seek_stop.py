@@ -24,6 +24,7 @@ from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
+from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.start import start
 
