@@ -191,6 +191,14 @@ def test_bug_a_cubic_spring_with_an_offset_was_called_cogging():
     assert found.model["cubic_spring.stiffness"].value == pytest.approx(truth["cubic_stiffness"], rel=0.05)
 
 
+def test_bug_a_rounding_was_lost_behind_a_sharp_resonance():
+    """Four lines have nearly all weight, and the right step was none of the twelve likeliest (103014, 7)."""
+    records, truth = hard_trial(103014, 7, "drive_quantization")
+    found = gsid.diagnose_records(records, fast=True)
+    assert found.ranking[0].effects == ("drive_quantization",)
+    assert found.ranking[0].params["step"] == pytest.approx(truth["quantization_step"], rel=0.005)
+
+
 def test_bug_a_spring_far_below_the_lowest_line_did_not_grow():
     """The start had no spring. The linear part cost 3600 times noise, which an unbalance explained: named."""
     records, truth = hard_trial(21710, 8, "presliding_friction")

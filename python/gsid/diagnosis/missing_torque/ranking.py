@@ -6,6 +6,7 @@ of it too, explain of the rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -267,6 +268,7 @@ def _neighbours(points: np.ndarray, best: np.ndarray) -> np.ndarray:
 
 
 LIKELY = 12  # steps of rounding whose gain is computed
+MANY_LINES = 40.0  # on which changes are as large as each other: with fewer their sizes differ by chance
 TOGETHER = 10  # steps of rounding in one array, which stays in the cache
 
 
@@ -274,14 +276,17 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
     """Steps of rounding whose change of the command is most like the one that the error asks for.
 
     The product of a change with the error is a sum over samples: no transform is needed. Its norm is that of
-    a uniform error, in proportion to the step.
+    a uniform error, in proportion to the step. At a sharp resonance a few lines have nearly all weight, and
+    norms differ by chance: more steps are kept, as many times as lines are too few.
     """
     p = scan.problem
     held = p.responses(scan.fit.part)
     complex_error = (error[: p.n_rows // 2] + 1j * error[p.n_rows // 2 :]).conj()
-    at, total = 0, np.zeros(len(steps))
+    at, total, n_kept = 0, np.zeros(len(steps)), LIKELY
     for r in p.records[:2]:
-        wanted = -complex_error[at : at + len(r.line)] * held[r.group][0] * r.weight
+        size = held[r.group][0] * r.weight
+        n_kept = max(n_kept, math.ceil(LIKELY * MANY_LINES / _n_effective(np.abs(size) ** 2)))
+        wanted = -complex_error[at : at + len(r.line)] * size
         at += len(r.line)
         whole = np.zeros(r.spectra.period_samples // 2 + 1, complex)
         whole[r.line] = wanted.conj()
@@ -289,7 +294,12 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
         for some in np.array_split(np.arange(len(steps)), max(len(steps) // TOGETHER, 1)):
             total[some] += (mapped(law, steps[some], r.command) - r.command) @ asked
     likeness = -total / steps[:, 0]
-    return np.sort(steps[np.argsort(likeness)[-LIKELY:]], axis=0)
+    return np.sort(steps[np.argsort(likeness)[-n_kept:]], axis=0)
+
+
+def _n_effective(power: np.ndarray) -> float:
+    """Number of lines of equal power whose sum varies as much as this one."""
+    return float(np.sum(power) ** 2 / np.sum(power**2))
 
 
 def refine_shape(scan: Scan, one: Candidate, error: np.ndarray) -> None:
