@@ -79,6 +79,21 @@ def test_bug_frictions_that_do_not_slide_kept_a_spring_from_its_name(better, ver
     assert decision(spring, sliding, fit("bouc_wen", 1.0), null=2.0).verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("law", "scatter", "verdict"),
+    [
+        ("bouc_wen", 1.1, "nearest_effect"),
+        ("bouc_wen", 0.9, "missing_effect"),
+        ("presliding_friction", 1.1, "missing_effect"),  # of two parameters
+        ("flexible_mode", 1.1, "missing_effect"),
+    ],
+)
+def test_bug_a_creep_was_named_bouc_wen(law, scatter, verdict):
+    """No record alone determined its stiffness (166 %), and the shapes made up for that (seed 103012)."""
+    best = fit(law, 1.0, scatter=scatter, scatter_error=scatter)
+    assert decision(best, RIVAL).verdict == verdict
+
+
 @pytest.mark.parametrize(("better", "verdict"), [(11, "missing_effect"), (13, "nearest_effect")])
 def test_bug_a_stop_without_a_gap_kept_a_spring_from_its_name(better, verdict):
     """It is that spring (seed 5314, cable_spring 3: a drop of 67 000)."""

@@ -127,6 +127,9 @@ class DecisionSettings:
         stiff structures have 0.003 to 0.05, those that stood for a joint 0.2 to 1.6.
     named_scatter, scatter_errors : float
         Largest scatter of the law's coefficient over realisations, or in standard errors.
+    shape_scatter : float
+        The same for laws of three parameters and more that leave only noise: where the coefficient varies by
+        more than itself, the shapes make up for it, as those of Bouc and Wen do for creep.
     worse : float
         Rise of the cost [noise units; over the cost per degree of freedom where that is above 1] above which
         a law is worse than the best of its family.
@@ -197,6 +200,7 @@ class DecisionSettings:
     zeta_of_joint: float = 0.1
     named_scatter: float = 0.06
     scatter_errors: float = 2.5
+    shape_scatter: float = 1.0
     worse: float = 12.0
     clearly_worse: float = 25.0
     different: float = 0.2

@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.doubts import MANY_SHAPES
 from gsid.diagnosis.from_records.draft import is_linear
-from gsid.diagnosis.from_records.evidence import Evidence
+from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.conclusion import (
     inexact,
@@ -109,6 +110,18 @@ def is_steady(one: Simulated, most: float, settings: DecisionSettings) -> bool:
     return one.scatter <= max(most, settings.scatter_errors * one.scatter_error)
 
 
+def is_undetermined_alone(one: Simulated, settings: DecisionSettings) -> bool:
+    """Whether no realisation alone determines the coefficient of a law of many shapes: it may be another law.
+
+    Parameters
+    ----------
+    one : Simulated
+    settings : DecisionSettings
+    """
+    has_many_shapes = n_parameters(one) >= MANY_SHAPES and not is_linear(one.effects[0])
+    return has_many_shapes and one.scatter > settings.shape_scatter
+
+
 def against(evidence: Evidence, best: Simulated) -> list[str]:
     """What keeps the best law from being named, one sentence each.
 
@@ -133,7 +146,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     if is_loose and is_linear(best.effects[0]) and share < settings.linear_share:
         reasons.append(inexact("linear effect", share, settings.linear_share))
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.
-    if not adequate and not is_steady(best, settings.named_scatter, settings):
+    is_unsteady = not adequate and not is_steady(best, settings.named_scatter, settings)
+    if is_unsteady or is_undetermined_alone(best, settings):
         reasons.append(scattered(best.scatter))
     elif (
         not adequate and best.scatter_error > settings.nearest_scatter
