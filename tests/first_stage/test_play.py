@@ -222,10 +222,23 @@ def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(mo
         pruned=None,
     )
     fits = SimpleNamespace(fit_play=lambda *how: calls.append(how))
-    assert seek_play._fitted(run, fits, structure, work) is None
+    assert seek_play._null_of(run, structure, work) is null
+    assert seek_play._fitted(run, fits, structure, null, work) is None
     ((of_null, given, most, _, its_work),) = calls
     assert (of_null, given, its_work) == (null, structure, work)
     assert most == DEFAULTS.less_left * 100.0
+
+
+@pytest.mark.parametrize(
+    ("costs", "order"), [((4458, 122, 562), "bca"), ((328, 229, 365), "abc"), ((9, None, 8), "ac")]
+)
+def test_bug_a_structure_far_off_used_up_the_work_of_the_right_one(monkeypatch, costs, order):
+    """It was the first of three, at 37 times the cost of the second (seed 103014, single 12)."""
+    null_of = dict(zip("abc", costs, strict=True))
+    fits = {name: cost and SimpleNamespace(cost=cost) for name, cost in null_of.items()}
+    monkeypatch.setattr(seek_play, "_null_of", lambda run, structure, work: fits[structure])
+    run = SimpleNamespace(on_step=lambda text: None, settings=DEFAULTS)
+    assert "".join(one for one, _ in seek_play._in_order(run, "abc", Deadline())) == order
 
 
 # ---- restarts, and what is explained on records kept out -----------------------------------------------

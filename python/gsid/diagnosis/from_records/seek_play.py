@@ -23,7 +23,7 @@ from gsid.diagnosis.from_records.play_structures import (
 )
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
-from gsid.greybox.fit import fit_plant
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -105,14 +105,33 @@ def _best(
 ) -> tuple[Simulated, PlantModel] | None:
     """The first fit with play that leaves only noise, or else the one that leaves the least."""
     best, work = None, run.deadline.bounded(run.settings.moves_of_play)
-    for structure in structures:
-        found = None if run.deadline.is_over else _fitted(run, fits, structure, work)
+    for structure, null in _in_order(run, structures, work):
+        found = None if run.deadline.is_over else _fitted(run, fits, structure, null, work)
         if found is None or (best is not None and found.cost >= best[0].cost):
             continue
         best = found, structure
         if run.evidence().is_adequate(found):
             break
     return best
+
+
+def _in_order(
+    run: Run, structures: Sequence[PlantModel], work: Deadline
+) -> list[tuple[PlantModel, PlantFit]]:
+    """Structures with the fits of their linear parts; those that fit far worse than another one come last."""
+    run.on_step("fitting simpler linear structures by simulation")
+    fitted = [(one, null) for one in structures if (null := _null_of(run, one, work)) is not None]
+    least = min((null.cost for _, null in fitted), default=0.0)
+    return sorted(fitted, key=lambda pair: pair[1].cost > run.settings.far_structure * least)
+
+
+def _null_of(run: Run, structure: PlantModel, work: Deadline) -> PlantFit | None:
+    """The fit of a structure without play, begun at its response; None if it cannot be simulated."""
+    try:
+        begin = linear_start(structure, run.measured)
+        return fit_plant(begin, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
+    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        return None
 
 
 def _is_worth_it(run: Run) -> bool:
@@ -124,14 +143,10 @@ def _is_worth_it(run: Run) -> bool:
     return least_left(run) > run.settings.much_left
 
 
-def _fitted(run: Run, fits: Simulations, structure: PlantModel, work: Deadline) -> Simulated | None:
+def _fitted(
+    run: Run, fits: Simulations, structure: PlantModel, null: PlantFit, work: Deadline
+) -> Simulated | None:
     """The fit with play beside a structure; None if it leaves more than half of what the best law leaves."""
-    run.on_step("fitting a simpler linear structure by simulation")
-    try:
-        begin = linear_start(structure, run.measured)
-        null = fit_plant(begin, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
-        return None
     most = run.settings.less_left * min(one.fit.cost for one in [run.null, *run.laws])
     found = fits.fit_play(null, structure, most, run.pruned, work)
     return found if found is not None and found.fit.cost < most else None
