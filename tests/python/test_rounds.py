@@ -1,14 +1,16 @@
 """Which of several effects a given model lacks: the rules alone, on rounds whose verdicts are given."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
 from plants import plant
 
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.errors import InputError
 from gsid.diagnosis.from_records import rounds as rounds_of
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
@@ -21,6 +23,26 @@ VALUES = {
     "motor_cogging": {"level": 1.0, "cycles_per_rev": 10.0, "phase_rad": 0.0},
     "drive_dead_zone": {"half_width": 0.1},
 }
+
+
+@dataclass
+class Fit:
+    """A fit by simulation."""
+
+    effects: tuple
+    model: object
+    cost: float = 3.0
+
+
+@dataclass
+class Fits:
+    """Fits of all models, or of none."""
+
+    has_work: bool = True
+    deadline: Deadline | None = None
+
+    def fit(self, model, effects):
+        return Fit(effects, model) if self.has_work else None
 
 
 class Run:
@@ -40,11 +62,13 @@ class Run:
         verdict, effect, self.share = self.answers[frozenset([*known, *(f"-{one}" for one in self.without)])]
         if verdict == OVER:  # the laws that are known are simulated first
             raise OutOfTime("the time is over")
+        if verdict == NO_LAW:
+            raise InputError("no effect of the catalogue can be fitted", "a record")
         self.decision = Decision(verdict, (effect,) if effect else ())
         model = plant(GIVEN | {name: VALUES[name] for name in (*known, *([effect] if effect else []))})
-        self.final = SimpleNamespace(effects=(effect,), model=model) if effect else None
+        self.final = Fit((effect,), model) if effect else None
         null = plant(GIVEN | {name: VALUES[name] for name in known})
-        self.null = SimpleNamespace(model=null, effects=(), cost=3.0) if self.share is not None else None
+        self.null = Fit((), null) if self.share is not None else None
         self.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="named")))
 
     def beside(self, model, null=None):
@@ -62,7 +86,7 @@ class Run:
         )
 
     def simulations(self):
-        return SimpleNamespace(fit=lambda model, effects: SimpleNamespace(model=model, effects=effects))
+        return Fits()
 
 
 @pytest.fixture(autouse=True)
@@ -96,7 +120,7 @@ def found(**answers):
     return names(rounds.kept), rounds.first.notes
 
 
-OVER = "the time is over"
+OVER, NO_LAW = "the time is over", "no law is left"
 NOTHING = (ADEQUATE, None, 0.0)
 UNFITTED = (ADEQUATE, None, None)  # by the first stage: no work was left for a simulation
 COULOMB, CUBIC = (MISSING, "coulomb_friction", 0.99), (MISSING, "cubic_spring", 0.99)
@@ -114,6 +138,34 @@ def test_of_two_effects_neither_needs_a_name_alone():
         "coulomb_friction_and_cubic_spring": NOTHING,
     }
     assert found(**answers) == (["coulomb_friction", "cubic_spring"], [])
+
+
+def test_bug_the_model_of_the_result_kept_an_effect_that_was_dropped():
+    answers = {
+        "alone": (NEAREST, "coulomb_friction", 0.6),
+        "coulomb_friction": (NEAREST, "cubic_spring", 0.6),
+        "coulomb_friction_and_cubic_spring": NOTHING,
+        "cubic_spring": (MISSING, "drive_dead_zone", 0.99),
+        "drive_dead_zone": NOTHING,
+    }
+    rounds = judged(**answers)
+    assert names(rounds.kept) == ["drive_dead_zone"]
+    assert set(rounds.final.model.stack()) == {*GIVEN, "drive_dead_zone"}
+
+
+def test_bug_without_a_further_law_to_look_for_the_first_effect_was_lost():
+    rounds = judged(alone=COULOMB, coulomb_friction=(NO_LAW, None, 0.0))
+    assert names(rounds.kept) == ["coulomb_friction"]
+    assert rounds.first.not_tried == {"further effects": "no effect of the catalogue can be fitted"}
+
+
+def test_of_several_effects_with_one_id_as_many_are_left_out_as_are_named():
+    """A bug: of two further modes only one was left out."""
+    model = plant(GIVEN)
+    for f_hz in (50.0, 60.0, 70.0):
+        model = model.with_effect("flexible_mode", {"f_hz": f_hz, "zeta": 0.01, "residue": 0.1})
+    left = without(model, ["flexible_mode", "flexible_mode"])
+    assert [one.params["f_hz"].value for one in left.effects if one.id == "flexible_mode"] == [50.0]
 
 
 def test_a_law_that_explains_little_is_no_reason_for_a_further_round():
@@ -171,6 +223,14 @@ def test_a_nearest_effect_beside_a_named_one_stays_in_the_answer():
     ]
     joint = {effect.id for effect in rounds.joint.model.effects}
     assert {"coulomb_friction", "cubic_spring"} < joint
+
+
+def test_bug_without_work_for_the_fit_of_the_named_effects_the_summary_failed(monkeypatch):
+    """The fit in its place had no effect, whose name the summary takes."""
+    monkeypatch.setattr(Run, "simulations", lambda run: Fits(has_work=False))
+    rounds = judged(**NEAREST_CUBIC, **{WITHOUT: COULOMB, DEAD_ZONE: COULOMB})
+    assert rounds.final.effects == ("coulomb_friction",)
+    assert "cubic_spring" not in rounds.final.model.stack()
 
 
 def test_a_name_does_not_depend_on_which_law_a_nearest_effect_is():

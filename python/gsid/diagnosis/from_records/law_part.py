@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -104,15 +105,20 @@ def label_of(model: PlantModel, effect: str) -> str:
 
 
 def without(model: PlantModel, effects: Sequence[str]) -> PlantModel:
-    """A model without effects, of several with one id the one that was added last.
+    """A model without effects, of several with one id those that were added last.
 
     Parameters
     ----------
     model : PlantModel
     effects : sequence of str
+        An id as often as effects with this id are left out.
     """
-    last = {label_of(model, effect) for effect in effects}
-    stays = [one for label, one in model.labels() if label not in last]
+    left, stays = Counter(effects), []
+    for one in reversed(model.effects):
+        if left[one.id] > 0:
+            left[one.id] -= 1
+        else:
+            stays.insert(0, one)
     return replace(model, effects=stays, cov=None, cov_names=None, fit=None)
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gsid.base.deadline import OutOfTime
+from gsid.base.errors import InputError
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.draw_up import draw_up
 from gsid.diagnosis.from_records.fit_laws import confirm, fit_play
@@ -152,12 +153,14 @@ class Rounds:
     def _keep(self, review: Review) -> None:
         """Keep the effects of a review, with the fit of those that are named."""
         self.kept, self.near = review.kept, review.near
-        if not self.near:
-            return
-        names = [one.final.effects[0] for one in self.near]
-        fits = self.first.simulations()
-        named = fits.fit(without(review.final.model, names), self.kept[-1].final.effects)
-        self.kept[-1].final, self.joint = named or self.near[-1].null, review.final
+        last, final = self.kept[-1], review.final
+        if self.near:
+            self.joint = final
+            work = self.first.deadline.bounded(self.settings.moves_of_fit)  # the rounds used theirs
+            fits = replace(self.first.simulations(), deadline=work)
+            names = [one.final.effects[0] for one in self.near]
+            final = fits.fit(without(final.model, names), last.final.effects) or self.near[-1].null
+        last.final = replace(final, effects=last.final.effects)
 
     def _reviewed(self, taken: list[Run]) -> Review | None:
         """Each effect judged again beside all others; None if one of them is unknown.
@@ -260,6 +263,9 @@ def judged(
         draw_up(run)
     except OutOfTime:
         before.not_tried["further effects"] = "the time was over"
+        return None
+    except InputError as error:
+        before.not_tried["further effects"] = error.what
         return None
     if run.null is None or run.draft.stage.conclusion.kind != "none":
         confirm(run)
