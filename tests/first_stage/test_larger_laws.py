@@ -11,10 +11,13 @@ from test_verdict import above, fit
 from test_what_is_left import LINEAR, measured, plant
 
 import gsid
+from gsid.diagnosis import effect_starts
 from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, as_good, not_excluded
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, Decision
+from gsid.diagnosis.missing_torque import catalogue
+from gsid.effects.types import SCALES, find
 from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect, Param
 
@@ -104,6 +107,17 @@ def test_the_group_stays_as_it_is(fits, change):
 
 def test_what_is_left_out_is_not_considered(fits):
     assert effects(fits[MUCH], left_out=LARGER) == set()
+
+
+def test_bug_a_slow_axis_has_no_shape_of_a_stribeck_friction():
+    """The least velocity is 1e-6 of any unit, and np.concatenate needs an array."""
+    scales = dict.fromkeys(SCALES.values(), 1.0) | {"largest rate": 1e-6}
+    law, scan = catalogue.law(find("stribeck_friction")), SimpleNamespace(freed=lambda x: x)
+    scan.fit = SimpleNamespace(error=None)
+    assert len(law.points(scales)) == 0
+    assert _Profile.most_different(SimpleNamespace(scales=scales), law) is None
+    assert effect_starts._limits(law, scales) == {}
+    assert effect_starts._on_grid(scan, law, scales) == []
 
 
 def test_a_law_without_a_larger_one_stays_alone(fits):

@@ -129,6 +129,8 @@ def _on_grid(scan: Scan, law: Law, scales: dict[str, float]) -> list[dict[str, f
     A law with memory may be a spring here: the effect is given, not named.
     """
     points, error = law.points(scales), scan.freed(scan.fit.error)
+    if not len(points):
+        return []
     if law.is_command:
         few = np.array_split(points, math.ceil(len(points) / TOGETHER))
         gains = np.concatenate([scan.command_gains(law, some, error) for some in few])
@@ -145,6 +147,8 @@ def _limits(law: Law, scales: dict[str, float]) -> Limits:
     if len(law.shapes) != 1 or law.shapes[0].grid.spacing == "rounding":
         return {}
     points = law.points(scales)
+    if not len(points):
+        return {}
     return {law.shapes[0].name: (float(points.min()), float(points.max()))}
 
 

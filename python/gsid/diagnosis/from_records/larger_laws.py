@@ -184,6 +184,8 @@ class _Profile:
         law : Law
         """
         points, best = law.points(self.scales), None
+        if not len(points):
+            return None
         for shape, columns in zip(points, self._columns(law, points), strict=True):
             for c in self._within_reach(law, columns):
                 error = self.left + columns @ c
