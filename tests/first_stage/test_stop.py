@@ -1,5 +1,6 @@
 """Stops that the axis runs into at the high level only."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import hard
@@ -11,9 +12,10 @@ from test_steps import BODY, SPRING, VISCOUS, model
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
-from gsid.diagnosis.from_records import seek_stop
+from gsid.diagnosis.from_records import seek_stop, stop_edges
 from gsid.diagnosis.from_records.settings import DEFAULTS as DECISION
 from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, nearest_start, with_edges
+from gsid.diagnosis.missing_torque.motion import motions
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.plant.model import PlantModel
@@ -54,6 +56,16 @@ def test_edges_and_stiffness_stand_in_the_missing_torque(trial, measured):
     assert found.high == pytest.approx(truth["stop_angle_deg"], rel=0.005)
     assert found.stiffness == pytest.approx(truth["stop_stiffness"], rel=0.02)
     assert found.left < 1e-4
+
+
+def test_bug_edges_were_shares_of_the_distance_from_zero(monkeypatch, trial, measured):
+    """An angle has a mean: with one of 30 degrees the edges were 2.99 and 12.06 degrees."""
+    problem, part = Problem(truth_of(trial), measured[2:], None, DEFAULTS), linear_part(truth_of(trial))
+    found = edges_along_motion(problem, part)
+    shifted = [replace(one, angle=one.angle + 30.0) for one in motions(problem, part)]
+    monkeypatch.setattr(stop_edges, "motions", lambda *_: shifted)
+    again = edges_along_motion(problem, part)
+    assert (again.low, again.high) == pytest.approx((found.low, found.high), rel=1e-3)
 
 
 def test_the_simulation_begins_where_the_axis_was_measured(trial, measured):

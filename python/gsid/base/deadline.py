@@ -47,6 +47,11 @@ class Deadline:
         """Whether the time is over."""
         return self.left_s == 0
 
+    @property
+    def is_used_up(self) -> bool:
+        """Whether the time is over, or the work that simulations may do."""
+        return self.is_over or self.moves_left == 0
+
     def bounded(self, moves: float) -> Deadline:
         """The same deadline, for simulations with a bound of their own on their work.
 

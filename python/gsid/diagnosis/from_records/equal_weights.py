@@ -33,7 +33,7 @@ def weigh_model_error(run: Run) -> None:
             fit = fit_plant(run.final.model, run.measured, **how)
         except (GsidError, InputError, OutOfTime):
             return
-        if not fit.converged and (run.deadline.is_over or run.deadline.moves_left == 0):
+        if not fit.converged and run.deadline.is_used_up:
             return  # it was cut: its values lie between those of two criteria
         other = replace(run.final, fit=fit)
         run.laws = [other if one is run.final else one for one in run.laws]

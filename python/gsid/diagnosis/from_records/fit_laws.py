@@ -40,7 +40,7 @@ def confirm(run: Run) -> None:
         return
     with run.timed("simulation"):
         fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
-        listed = short_list(run.draft, run.pruned, run.settings) if missing else []
+        listed = short_list(run.draft, run.pruned, run.settings, run.without) if missing else []
         run.on_step.expect(len(listed) + (run.null is None))
         run.null = run.null or fits.fit(run.pruned(_linear_start(run)), ())
         if run.null is not None and missing:
@@ -83,7 +83,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
     to_beat = None
     for one in listed:
         fitted = fits.fit(one.model, (one.effect,), to_beat)
-        run.cut = run.cut or (fitted is None and run.deadline.is_over)
+        run.cut = run.cut or (fitted is None and run.deadline.is_used_up)
         if fitted is not None:
             run.laws.append(fitted)
             to_beat = min(fitted.cost, to_beat or fitted.cost)
@@ -168,7 +168,8 @@ def _add_bias(run: Run, fits: Simulations) -> None:
     """
     evidence = run.evidence()
     best = evidence.best()
-    if not any(effect.id == SPRING for effect in best.model.effects):
+    present = {effect.id for effect in best.model.effects}
+    if SPRING not in present or BIAS in present or BIAS in run.without:
         return
     adequate = evidence.is_adequate(best)
     for i, one in enumerate(run.laws):
@@ -195,7 +196,7 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
     """
     is_of_angle = find(best.effects[0]).c.looks_at_angle and find(best.effects[0]).linear_part is None
     known = {effect.id for effect in run.null.model.effects}
-    if STOP in run.without or not is_of_angle or known & {STOP, BIAS} or run.deadline.is_over:
+    if STOP in {*run.without, *known} or not is_of_angle or run.deadline.is_over:
         return
     try:
         start = shifted_stop(run.null.model, run.measured, run.band, run.deadline)

@@ -64,7 +64,9 @@ def add_rival(run: Run, fits: Simulations, structure: PlantModel, found: Simulat
         )
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return
-    others = [one for one in short_list(first, run.pruned, run.settings) if not is_linear(one.effect)]
+    others = [
+        one for one in short_list(first, run.pruned, run.settings, run.without) if not is_linear(one.effect)
+    ]
     for one in [one for one in others if (one.effect,) != found.effects][:1]:
         rival = fits.fit(one.model, (one.effect,), found.cost)
         if rival is not None:

@@ -18,7 +18,13 @@ from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
 from gsid.diagnosis.from_records.play_structures import is_same_structure, with_values_of
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.stop_edges import STOP, at_high_level, edges_along_motion, nearest_start
+from gsid.diagnosis.from_records.stop_edges import (
+    BIAS,
+    STOP,
+    at_high_level,
+    edges_along_motion,
+    nearest_start,
+)
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
@@ -62,10 +68,12 @@ def seek_stop(run: Run) -> None:
 
 def _is_worth_it(run: Run) -> bool:
     """Whether the best law leaves a clear misfit, and a stop can be added."""
-    if run.null is None or run.in_closed_loop or run.null.model.has_controller or STOP in run.without:
+    if run.null is None or run.in_closed_loop or run.null.model.has_controller:
         return False
     effects = {effect.id for effect in run.null.model.effects}
-    if run.decision.verdict not in (UNKNOWN, NEAREST) or BODY not in effects or STOP in effects:
+    if {STOP, BIAS} & {*effects, *run.without} or BODY not in effects:
+        return False
+    if run.decision.verdict not in (UNKNOWN, NEAREST):
         return False
     return least_left(run) > MISFIT and not run.deadline.is_over
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from gsid.diagnosis.from_records.draft import Draft, is_linear, with_stack
@@ -22,7 +22,10 @@ class Candidate:
 
 
 def short_list(
-    draft: Draft, pruned: Callable[[PlantModel], PlantModel], settings: DecisionSettings
+    draft: Draft,
+    pruned: Callable[[PlantModel], PlantModel],
+    settings: DecisionSettings,
+    left_out: Collection[str] = (),
 ) -> list[Candidate]:
     """The winner of the first stage, the best of another family, and relatives of the winner.
 
@@ -35,6 +38,8 @@ def short_list(
     pruned : callable
         Removes elements of a stack that became zero.
     settings : DecisionSettings
+    left_out : collection of str
+        Effects that are not tried.
     """
     if draft.stage.ranking[0].effects == (HOLD,):  # its images are its evidence
         return [Candidate(HOLD, started(draft, draft.stage.ranking[0], pruned))]
@@ -52,7 +57,7 @@ def short_list(
     chosen += [one for one in fitted if one not in chosen and _is_close(one, winner, settings)]
     listed = [Candidate(one.effects[0], started(draft, one, pruned)) for one in chosen]
     simpler = find(winner.effects[0]).simpler
-    if simpler and simpler not in [one.effect for one in listed]:
+    if simpler and simpler not in [*left_out, *(one.effect for one in listed)]:
         base = pruned(with_stack(draft.model, winner.linear))
         listed.append(Candidate(simpler, base.with_effect(simpler, winner.params)))
     return listed

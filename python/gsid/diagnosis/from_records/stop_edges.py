@@ -131,7 +131,7 @@ def edges_along_motion(problem: Problem, part: LinearPart, most_left: float = 0.
         def fit(
             edges: Sequence[float], i: int = i, rows: np.ndarray = rows, motion: Motion = motion
         ) -> Edges:
-            shape = _beyond(motion.angle, *edges)
+            shape = _beyond(motion.angle - motion.angle.mean(), *edges)
             lines = [np.zeros((1, len(r.line)), complex) for r in problem.records]
             lines[i][0] = motion.lines(shape, problem.records[i].line)
             column = torque_columns(problem, part, lines, here)[rows, 0]
@@ -141,7 +141,8 @@ def edges_along_motion(problem: Problem, part: LinearPart, most_left: float = 0.
             left = float(rest @ rest) / float(error[rows] @ error[rows])
             return Edges(edges[0], edges[1], stiffness, stiffness * float(shape.mean()), i, left)
 
-        least, most = float(motion.angle.min()), float(motion.angle.max())
+        mean = float(motion.angle.mean())
+        least, most = float(motion.angle.min()) - mean, float(motion.angle.max()) - mean
         grid = [fit((a * least, b * most)) for a in SHARES for b in SHARES]
         first = min(grid, key=lambda one: one.left)
         better = optimize.minimize(
