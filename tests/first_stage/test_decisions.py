@@ -3,13 +3,17 @@
 from types import SimpleNamespace
 
 import hard
+import numpy as np
 import pytest
 import trials
 
+from gsid.diagnosis.from_records import canonical, summary
 from gsid.diagnosis.from_records.draft import with_stack
+from gsid.diagnosis.from_records.loop import identified_loop
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import Decision
+from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
+from gsid.diagnosis.missing_torque import stage
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
@@ -67,6 +71,62 @@ FEW = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11, n_dof=200))  # 3 sq
 )
 def test_bug_a_slow_held_sensor_was_unknown_though_the_simulation_left_noise(null, laws, draft, verdict):
     """The first stage, which has no images above the band, left four times the noise."""
-    run = SimpleNamespace(null=null, laws=laws, decision=Decision(draft), settings=DEFAULTS)
+    run = SimpleNamespace(null=null, laws=laws, cut=False, decision=Decision(draft), settings=DEFAULTS)
     Run.accept_noise(run)
     assert run.decision.verdict == verdict
+
+
+def test_bug_without_work_for_a_law_an_answer_was_called_confirmed():
+    """And noise was accepted, though the laws of the short list had not been fitted."""
+    unknown = Decision("unknown_effect")
+    run = SimpleNamespace(null=NOISE, laws=[], cut=True, decision=unknown, settings=DEFAULTS)
+    Run.accept_noise(run)
+    assert run.decision == unknown
+    assert not Run.is_confirmed.fget(run)
+    run.cut = False
+    assert Run.is_confirmed.fget(run)
+
+
+@pytest.mark.parametrize("stated", [None, "zoh"])
+def test_bug_the_reading_of_some_records_was_lost_where_others_state_their_hold(stated):
+    """They stayed open, and each later fit chose a reading of its own."""
+    read = [SimpleNamespace(spectra=SimpleNamespace(hold=hold)) for hold in ("none", stated or "none")]
+    measured = [SimpleNamespace(hold=None), SimpleNamespace(hold=stated)]
+    assert stage._hold(SimpleNamespace(records=read), measured) == "none"
+
+
+def test_records_that_state_different_holds_have_no_common_one():
+    both = [SimpleNamespace(hold="none"), SimpleNamespace(hold="zoh")]
+    problem = SimpleNamespace(records=[SimpleNamespace(spectra=one) for one in both])
+    assert stage._hold(problem, both) is None
+
+
+def test_bug_a_nearest_effect_was_listed_as_found():
+    """The first round had named another one, which the review had replaced."""
+    first = SimpleNamespace(draft=SimpleNamespace(added=[]), start=None, decision=Decision(MISSING, ("a",)))
+    assert summary._found(first, Decision(NEAREST, ("b",))) == []
+    assert summary._found(first, Decision(MISSING, ("b",))) == [("b",)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "angle_unit"),
+    [("deg/s", "deg"), ("mrad", "deg"), ("rev/s", "deg"), ("mm", "m"), ("V", "m"), ("", "deg")],
+)
+def test_bug_an_angle_in_mrad_was_a_travel(unit, angle_unit):
+    """Of an axis that does not turn: cogging and unbalance were not searched."""
+    axis = SimpleNamespace(y_unit=unit, angle_unit="deg")
+    assert canonical._angle_unit(axis) == angle_unit
+
+
+def test_bug_lost_samples_of_a_closed_loop_spoiled_its_controller():
+    rng = np.random.default_rng(20261126)
+    r, valid = np.cumsum(rng.standard_normal(2000)), np.ones(2000, bool)
+    y = np.convolve(r, np.full(20, 1 / 20))[:2000]
+    u = np.zeros(2000)
+    u[1:] = 3.0 * (8.0 * (r - y)[1:] - np.diff(y) * 1000.0)
+    valid[700] = False
+    u[700], r[700] = 1e6, np.nan
+    record = Record(u, y, 1000.0, 1000, 0, hold="zoh", valid=valid, columns={"r": r})
+    found = identified_loop([record], [SimpleNamespace(settle_samples=0)], "r", DEFAULTS)
+    assert found.params["kp"].value == pytest.approx(8.0, rel=1e-6)
+    assert found.params["kv"].value == pytest.approx(3.0, rel=1e-6)

@@ -11,11 +11,13 @@ import pytest
 
 import gsid
 from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records import diagnose
 from gsid.diagnosis.from_records import find_structure as finding
 from gsid.diagnosis.from_records.draw_up import draw_up
 from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
+from gsid.effects.types import catalogue
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -127,6 +129,23 @@ def test_an_interrupted_diagnosis_gives_the_state_it_has_reached(friction):
     assert found.effects == ("coulomb_friction",)
 
 
+def test_bug_an_interruption_of_the_summary_lost_the_diagnosis(friction, monkeypatch):
+    """The next experiment is simulated there."""
+    calls, summarised = [], diagnose.summarised
+
+    def interrupted_once(*run):
+        calls.append(run)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return summarised(*run)
+
+    monkeypatch.setattr(diagnose, "summarised", interrupted_once)
+    found = gsid.diagnose_records(friction[0])
+    assert found.interrupted
+    assert found.effects == friction[2].effects
+    assert found.next_experiment == ""
+
+
 def test_an_interruption_before_the_first_draft_ends_the_call(friction):
     def interrupt(step):
         raise KeyboardInterrupt
@@ -140,6 +159,29 @@ def test_a_model_replaces_the_start(friction):
     found = gsid.diagnose_records(measured, first.linear)
     assert "linear structure" not in found.seconds
     assert found.effects == first.effects
+
+
+def test_bug_a_first_draft_lost_the_laws_of_the_given_model(friction):
+    found = gsid.diagnose_records(friction[0], friction[2].model, fast=True)
+    assert "coulomb_friction" in found.model.stack()
+    assert "coulomb_friction" in found.linear.stack()
+
+
+def test_bug_a_law_that_was_left_out_was_named(friction):
+    """It is what another law of the short list becomes at one end of its shapes."""
+    others = set(catalogue()) - {"stribeck_friction"}
+    found = gsid.diagnose_records(friction[0], friction[2].linear, without=others)
+    print(found)
+    assert "coulomb_friction" not in {name for one in found.ranking for name in one.effects}
+
+
+@pytest.mark.parametrize("band", [(0.0, 100.0), (-1.0, 100.0)])
+def test_bug_laws_of_the_angle_had_a_line_more_than_the_others(friction, band):
+    """At 0 Hz, where an angle is of use to some laws only: costs could not be compared."""
+    measured, _, first = friction
+    run = Run(Deadline(), DEFAULTS, band, (), lambda text: None)
+    finding.find_structure(run, measured, first.linear, None, None)
+    assert run.band == (measured[0].f_hz[1], 100.0)
 
 
 def test_a_structure_that_cannot_be_found_is_unknown(friction, monkeypatch):

@@ -26,6 +26,7 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
         n_dof=N_DOF,
         undetermined=undetermined,
         records=[spectra] * records,
+        model=SimpleNamespace(labels=lambda: [(effect, SimpleNamespace(id=effect))]),
     )
     facts = {"converged": True, "scatter": 0.01, "scatter_error": 0.001} | changes
     return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
@@ -77,6 +78,18 @@ def test_bug_frictions_that_do_not_slide_kept_a_spring_from_its_name(better, ver
     """Within their elastic travel they are that spring (seed 5314, cable_spring 12)."""
     spring, sliding = fit("cable_spring", above(1.0, better)), fit("presliding_friction", 1.0)
     assert decision(spring, sliding, fit("bouc_wen", 1.0), null=2.0).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("undetermined", "verdict"),
+    [("flexible_mode#2.zeta", "nearest_effect"), ("flexible_mode.zeta", "missing_effect")],
+)
+def test_bug_an_undetermined_mode_of_the_model_counted_against_the_one_added(undetermined, verdict):
+    """And that of the mode that was added did not."""
+    best = fit("flexible_mode", 2.0, undetermined=[undetermined])
+    modes = [(label, SimpleNamespace(id="flexible_mode")) for label in ("flexible_mode", "flexible_mode#2")]
+    best.fit.model.labels = lambda: modes
+    assert decision(best, RIVAL, null=1e4).verdict == verdict
 
 
 @pytest.mark.parametrize(

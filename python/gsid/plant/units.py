@@ -14,6 +14,10 @@ RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
 # Units of outputs that a plant can have. A record in another unit (counts, V) is accepted.
 OUTPUTS = {unit + per for unit in RADIANS for per in ("", "/s")}
 
+TURNING = {"mrad", "urad", "arcmin", "arcsec", "rev", "turn", "turns", "grad", "gon"}
+"""Units of angles that a model cannot have: values are in degrees of this unit."""
+TRAVELS = {"m", "mm", "um", "nm", "cm", "in"}
+
 KIND_OF_UNIT = (("/s^2", "acceleration"), ("/s2", "acceleration"), ("/s", "rate"))
 """Endings of units of y that name what it is."""
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
-from gsid.plant.units import OUTPUTS, RADIANS
+from gsid.plant.units import OUTPUTS, RADIANS, TURNING
 from gsid.spectrum.spectra import Spectra
 
 BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
@@ -150,9 +150,9 @@ def _resonates(stack: Stack) -> bool:
 
 
 def _angle_unit(model: PlantModel) -> str:
-    """A travel in another unit, such as mm, is one of an axis that does not turn."""
+    """A travel in another unit, such as mm or V, is one of an axis that does not turn."""
     unit = model.y_unit.partition("/")[0]
-    return "m" if unit and unit not in RADIANS else model.angle_unit
+    return "m" if unit and unit not in {*RADIANS, *TURNING} else model.angle_unit
 
 
 def _merge(stack: Stack, mode: dict[str, float]) -> None:

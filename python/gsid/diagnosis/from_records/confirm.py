@@ -63,6 +63,11 @@ class Simulated:
         """The fitted model."""
         return self.fit.model
 
+    @property
+    def label(self) -> str:
+        """Label of the law in the model."""
+        return label_of(self.model, self.effects[0])
+
 
 @dataclass
 class Simulations:
@@ -109,7 +114,7 @@ class Simulations:
         name = " and ".join(effects) or "the linear part"
         if not self._may_begin(name):
             return None
-        model = self._completed(model)
+        model = self.completed(model)
         if not set(effects) <= {effect.id for effect in model.effects}:
             is_left_out = set(effects) & set(self.left_out)
             self.not_tried[name] = "left out in a closed loop" if is_left_out else "zero in the first stage"
@@ -171,8 +176,13 @@ class Simulations:
         finally:
             self.deadline.spend(moves - deadline.moves_left)
 
-    def _completed(self, model: PlantModel) -> PlantModel:
-        """The model with what every fit contains, and without what none does."""
+    def completed(self, model: PlantModel) -> PlantModel:
+        """The model with what every fit contains, and without what none does.
+
+        Parameters
+        ----------
+        model : PlantModel
+        """
         present = {effect.id for effect in model.effects}
         known = [effect for effect in self.known if effect.id not in present]
         stays = [effect for effect in model.effects if effect.id not in self.left_out]

@@ -126,10 +126,12 @@ def diagnose_records(
                         rounds.run()
                         check_hold(rounds)
                         check_series(rounds)
-                    if rounds is None or len(rounds.kept) + len(rounds.near) <= 1:
-                        weigh_model_error(run)
-                    for one in rounds.effects if rounds else [run]:
+                    shown = rounds.effects if rounds else [run]
+                    if len(shown) == 1:
+                        weigh_model_error(*shown)
+                    for one in shown:
                         add_larger_laws(one)
+            return summarised(run, rounds)
         except KeyboardInterrupt:
             if run.draft is None:
                 raise

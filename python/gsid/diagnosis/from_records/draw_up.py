@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gsid.base.deadline import OutOfTime
+from gsid.base.errors import InputError
 from gsid.diagnosis.from_records.canonical import (
     resonant_stack,
 )
@@ -26,7 +27,13 @@ def draw_up(run: Run) -> None:
     """
     with run.timed("first draft"):
         run.draft = _drafted(run, run.stack)
-        _try_resonant_stack(run)
+        _take(run)
+        if _try_resonant_stack(run):
+            _take(run)
+
+
+def _take(run: Run) -> None:
+    """The verdict of a draft, and the hold that it assumes."""
     if is_open(run.measured) and run.draft.stage.hold is not None:
         run.measured = read_as(run.measured, run.draft.stage.hold)
         run.judged = read_as(run.judged, run.draft.stage.hold)
@@ -63,22 +70,24 @@ def _drafted(run: Run, stack: PlantModel) -> Draft:
     )
 
 
-def _try_resonant_stack(run: Run) -> None:
+def _try_resonant_stack(run: Run) -> bool:
     """The lowest mode as the sprung body, where the best law leaves much, and leaves less beside that.
 
     The linear cost cannot decide it: a law is missing from both.
     """
     left = run.draft.stage.ranking[0].cost_per_dof
     if run.start is None or run.draft.stage.conclusion.kind == "none" or left < run.settings.much_left:
-        return
-    other = resonant_stack(run.start.model(), run.f_lo_hz, run.settings)
-    if other is None:
-        return
-    run.on_step("the same with the lowest mode as the sprung body")
+        return False
     try:
+        other = resonant_stack(run.start.model(), run.f_lo_hz, run.settings)
+        if other is None:
+            return False
+        run.on_step("the same with the lowest mode as the sprung body")
         found = _drafted(run, other)
-    except OutOfTime:
-        return
+    except (InputError, OutOfTime):  # a stiffness beyond its bounds, or no time
+        return False
     better = found.stage.ranking[0].cost_per_dof < run.settings.less_left * left
-    if better and found.stage.conclusion.kind == "named":
-        run.stack, run.draft = other, found
+    if not better or found.stage.conclusion.kind != "named":
+        return False
+    run.stack, run.draft = other, found
+    return True

@@ -22,9 +22,12 @@ from gsid.diagnosis.from_records.verdict import (
     UNKNOWN,
     Decision,
 )
+from gsid.effects.types import catalogue
 from gsid.greybox.fit import fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
+from gsid.greybox.weights import has_common_zero
 from gsid.plant.model import PlantModel, check_plant
+from gsid.plant.units import TRAVELS
 from gsid.records.record import Record
 from gsid.response.closed_loop import require_reference
 from gsid.spectrum.realisation import listed, spectra_of
@@ -53,6 +56,9 @@ def find_structure(
         run.on_step("transforming the records")
         run.measured = spectra_of(records)
     require_motion_of_output(run.measured)
+    if run.band is not None and not (model is not None and has_common_zero(model)):
+        # Line 0 is of use to some laws only: costs of different lines cannot be compared.
+        run.band = max(run.band[0], min(float(one.f_hz[1]) for one in run.measured)), run.band[1]
     run.hold_assumed, run.open = is_open(run.measured), [one.hold is None for one in run.measured]
     if model is not None:
         with run.timed("given model"):
@@ -81,6 +87,7 @@ def find_structure(
         run.measured = run.judged = without_wrong_unit(run.measured, run.stack)
         run.by_reference = without_wrong_unit(run.by_reference, run.stack)
         _keep_resonances(run)
+        _note_laws_of_turning(run)
 
 
 def _find_loop(run: Run, records: list[Record], reference: str) -> None:
@@ -90,6 +97,15 @@ def _find_loop(run: Run, records: list[Record], reference: str) -> None:
     run.loop = identified_loop(records, run.measured, reference, run.settings)
     if run.loop is not None:
         run.by_reference = referenced(records, run.measured, reference)
+
+
+def _note_laws_of_turning(run: Run) -> None:
+    """An axis whose output is neither an angle nor a travel may turn all the same."""
+    unit = run.start.measured.y_unit
+    if run.stack.angle_unit != "m" or unit.partition("/")[0] in TRAVELS:
+        return
+    why = f"y is in {unit}, which is no unit of an angle; --factor and --unit convert it"
+    run.not_tried |= {effect.id: why for effect in catalogue().values() if effect.turns_only}
 
 
 def _keep_resonances(run: Run) -> None:

@@ -70,6 +70,7 @@ def _fitted(
     rows, commands = [], []
     for record, one in zip(records, measured, strict=True):
         at = np.arange(max(one.settle_samples, n_samples), len(record.u))
+        at = at[record.valid[at] & record.valid[at - n_samples]]
         y = record.y
         rate = (y[at] - y[at - n_samples]) * record.fs_hz / n_samples
         part = np.stack([record.columns[reference][at] - y[at], -rate], axis=1)

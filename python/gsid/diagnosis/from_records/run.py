@@ -74,12 +74,12 @@ class Run:
         self.larger: dict[str, PlantModel] = {}  # laws that contain the best one and are not excluded
         self.ripple: Ripple | None = None
         self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
-        self.cut = False  # whether the time was over before a law of the short list was fitted
+        self.cut = False  # whether time or work was over before a law of the short list was fitted
 
     @property
     def is_confirmed(self) -> bool:
         """Whether the verdict is one of fits by simulation."""
-        return self.null is not None and (bool(self.laws) or not self.decision.effects)
+        return self.null is not None and (bool(self.laws) or not (self.decision.effects or self.cut))
 
     @contextmanager
     def timed(self, step: str) -> Iterator[None]:
@@ -127,7 +127,7 @@ class Run:
 
         The first stage has no images of a sensor that is held at a low rate; the simulation has them.
         """
-        if self.null is None or self.laws or self.decision.verdict != UNKNOWN:
+        if self.null is None or self.laws or self.cut or self.decision.verdict != UNKNOWN:
             return
         if may_be_noise(self.null, self.settings):
             self.decision = Decision(ADEQUATE)

@@ -51,9 +51,9 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         decision = _of_all(run, kept, near)
     elif near:
         decision = _of_near(run, near, joint)
-    found_model = final.model if kept and final else _law_model(run)
+    found_model = final.model if kept and final else _law_model(run, decision)
     law_model = joint.model if joint else found_model
-    found = [one.decision.effects for one in kept] or _found(run)
+    found = [one.decision.effects for one in kept] or _found(run, decision)
     is_one = len(kept) + len(near) < 2 and not (rounds and rounds.has_series)
     basis = _basis(shown) if is_one else None
     known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
@@ -68,10 +68,10 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         law_models=_law_models(shown, ranking),
         found=found,
         nearest=_nearest(decision, near),
-        model=_as_given(run, found_model if kept else _model(run)),
+        model=_as_given(run, found_model if kept else _model(run, decision)),
         cost_per_dof=null,
         cost_per_dof_after=_cost_per_dof(final if kept else joint) or _after(run, null),
-        p_value=run.null.fit.noise_p_value if run.null else None,
+        p_value=run.noise_p_value if run.null else None,
         assumed=_assumed(run),
         not_tried=_not_tried(run),
         seconds=run.seconds,
@@ -80,7 +80,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         names=[one.name for one in run.measured],
         measured=run.measured,
         band=run.band,
-        linear=_as_given(run, run.null.model if run.null else draft.model if draft else None),
+        linear=_as_given(run, _linear(run)),
         law_model=_as_given(run, law_model),
         without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
         next_experiment=_next_experiment(shown),
@@ -89,7 +89,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         basis=basis,
         probabilities=known,
         interrupted=run.interrupted,
-        ripple=run.ripple,
+        ripple=shown.ripple,
     )
 
 
@@ -112,7 +112,8 @@ def _is_like_trials(run: Run, decision: Decision) -> bool:
     That nothing is missing has a p-value instead: how often a weak effect is present no record tells.
     """
     is_whole = not (run.cut or run.interrupted)
-    return decision.verdict != ADEQUATE and is_whole and not (run.in_closed_loop or run.known)
+    in_closed_loop = run.in_closed_loop or (run.given is not None and run.given.has_controller)
+    return decision.verdict != ADEQUATE and is_whole and not (in_closed_loop or run.known)
 
 
 def _with_probabilities(
@@ -190,23 +191,32 @@ def _next_experiment(run: Run) -> str:
         return advice(by_effect[group[0]], by_effect[group[1]], largest, (group[0], group[1]))
 
 
-def _law_model(run: Run) -> PlantModel | None:
+def _law_model(run: Run, decision: Decision) -> PlantModel | None:
     """The stack with the law that is named or nearest."""
-    if not run.decision.effects or run.draft is None:
+    if not decision.effects or run.draft is None:
         return None
     if run.final is not None:
         return run.final.model
     winner = run.draft.stage.ranking[0]
-    return None if winner.effects[0] == HOLD else started(run.draft, winner, run.pruned)
+    return None if winner.effects[0] == HOLD else _drafted_model(run, winner)
 
 
-def _model(run: Run) -> PlantModel | None:
+def _model(run: Run, decision: Decision) -> PlantModel | None:
     """The stack with the law if it is named, else the linear one."""
-    if run.decision.verdict == MISSING:
-        return _law_model(run) or run.draft.model
+    named = _law_model(run, decision) if decision.verdict == MISSING else None
+    return named or _linear(run) or run.stack
+
+
+def _linear(run: Run) -> PlantModel | None:
+    """The model without an effect that was found: as fitted by simulation, else as drafted."""
     if run.null is not None:
         return run.null.model
-    return run.draft.model if run.draft else run.stack
+    return run.simulations().completed(run.draft.model) if run.draft else None
+
+
+def _drafted_model(run: Run, one: Ranked) -> PlantModel:
+    """The model with a law of the first stage, and with the laws of a given model."""
+    return run.simulations().completed(started(run.draft, one, run.pruned))
 
 
 def _cost_per_dof(fit: Simulated | None) -> float | None:
@@ -219,13 +229,13 @@ def _after(run: Run, before: float) -> float:
     return before
 
 
-def _found(run: Run) -> list[tuple[str, ...]]:
+def _found(run: Run, decision: Decision) -> list[tuple[str, ...]]:
     """Effects that the first stack lacked, a sensor that is sampled and held, and the law."""
     if run.draft is None:
         return []
     in_start = [(HOLD,)] if run.start is not None and HOLD in run.start.effects else []
     found = in_start + [one for one in run.draft.added if run.start is None or one == (HOLD,)]
-    named = [run.decision.effects] if run.decision.verdict == MISSING else []
+    named = [decision.effects] if decision.verdict == MISSING else []
     return found + [effects for effects in named if effects not in found]
 
 
@@ -259,7 +269,7 @@ def _law_models(run: Run, ranking: Sequence[RankedLaw]) -> dict[str, PlantModel]
         if effects in simulated:
             models[effects[0]] = simulated[effects]
         elif effects in drafted and drafted[effects].linear and effects[0] != HOLD:
-            models[effects[0]] = started(run.draft, drafted[effects], run.pruned)
+            models[effects[0]] = _drafted_model(run, drafted[effects])
     return models
 
 

@@ -155,7 +155,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
         reasons.append(
             f"Noise alone varies the coefficient of the best law by {100 * best.scatter_error:.0f} %."
         )
-    unknown = [name for name in best.fit.undetermined if name.partition(".")[0] in best.effects]
+    unknown = [name for name in best.fit.undetermined if name.partition(".")[0] == best.label]
     if unknown and not adequate:
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
     reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.beaten_by]

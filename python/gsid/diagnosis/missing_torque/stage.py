@@ -263,7 +263,7 @@ def first_stage(
         one.null.part.stack,
         _not_tried(model, one),
         clock.seconds,
-        _hold(one.problem),
+        _hold(one.problem, measured),
         one.problem.n_rows,
     )
 
@@ -356,8 +356,11 @@ def _concluded(one: _Fitted, free: Sequence[FreeFunction]) -> Conclusion:
     return conclude(one.best, one.refitted, enlarged, one.misfit, one.problem.settings, free)
 
 
-def _hold(problem: Problem) -> str | None:
-    holds = {r.spectra.hold for r in problem.records}
+def _hold(problem: Problem, measured: Sequence[Spectra]) -> str | None:
+    """The reading of the records that do not state their hold; else what all state, None if they differ."""
+    read = [r.spectra.hold for r in problem.records]
+    was_open = [one.hold is None for one in measured]
+    holds = {hold for hold, is_read in zip(read, was_open, strict=True) if is_read or not any(was_open)}
     return holds.pop() if len(holds) == 1 else None
 
 
