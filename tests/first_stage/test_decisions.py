@@ -108,10 +108,10 @@ def test_bug_a_nearest_effect_was_listed_as_found():
     assert summary._found(first, Decision(MISSING, ("b",))) == [("b",)]
 
 
-@pytest.mark.parametrize(
-    ("unit", "angle_unit"),
-    [("deg/s", "deg"), ("mrad", "deg"), ("rev/s", "deg"), ("mm", "m"), ("V", "m"), ("", "deg")],
-)
+UNITS = {"deg/s": "deg", "mrad": "deg", "rev/s": "deg", "mm": "m", "V": "m", "": "deg"}
+
+
+@pytest.mark.parametrize(("unit", "angle_unit"), UNITS.items())
 def test_bug_an_angle_in_mrad_was_a_travel(unit, angle_unit):
     """Of an axis that does not turn: cogging and unbalance were not searched."""
     axis = SimpleNamespace(y_unit=unit, angle_unit="deg")
