@@ -46,7 +46,13 @@ def test_records_of_other_periods_share_the_line_at_the_same_frequency():
     spacings_hz = (0.5, 0.25)
     null = fit([1, 0, 3, 0, 0, 0, 0, 0], [0, 4, 0, 0, 0, 0, 0, 0], spacings_hz=spacings_hz)
     found = strongest_line(null, fit([0] * 8, [0] * 8, spacings_hz=spacings_hz))
-    assert (found.f_hz, found.before, found.n_records, found.elsewhere) == (0.5, 17.0, 2, 9.0)
+    assert (found.f_hz, found.before, found.n_records, found.n_lines, found.elsewhere) == (
+        0.5,
+        17.0,
+        2,
+        2,
+        9.0,
+    )
 
 
 def on_line(left, elsewhere, effect="mass_unbalance", records=2):

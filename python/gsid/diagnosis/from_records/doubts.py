@@ -61,7 +61,8 @@ class StrongestLine:
     f_hz : float
     before, after : float
         Cost on this line without and with the law.
-    n_records : int
+    n_records, n_lines : int
+        That have it, and their lines there: records of other periods may have several.
     elsewhere : float
         Fall of the cost on all other lines together.
     """
@@ -70,6 +71,7 @@ class StrongestLine:
     before: float
     after: float
     n_records: int
+    n_lines: int
     elsewhere: float
 
     def may_be_disturbance(self, p_least: float) -> bool:
@@ -80,7 +82,7 @@ class StrongestLine:
         p_least : float
             p-value of what is left on the line, below which it is more than noise.
         """
-        return self.n_records < 2 or float(special.chdtrc(2 * self.n_records, self.after)) < p_least
+        return self.n_records < 2 or float(special.chdtrc(2 * self.n_lines, self.after)) < p_least
 
 
 def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
@@ -98,7 +100,8 @@ def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
     fall = before - after
     i = int(np.argmax(fall))
     elsewhere = float(np.sum(fall) - fall[i])
-    return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), int(n_records[i]), elsewhere)
+    counts = int(n_records[i]), int(np.bincount(np.concatenate(lines))[i])
+    return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), *counts, elsewhere)
 
 
 def _costs(fit: PlantFit) -> list[np.ndarray]:

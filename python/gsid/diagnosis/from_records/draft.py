@@ -35,8 +35,6 @@ class Draft:
         Linear stack, with the values of its fit.
     stage : FirstStage
         Of this stack.
-    first : FirstStage
-        Of the stack before linear effects were added.
     added : list of tuple of str
         Linear effects that were added to the stack, in this order; several where the data do not distinguish
         them.
@@ -44,7 +42,6 @@ class Draft:
 
     model: PlantModel
     stage: FirstStage
-    first: FirstStage
     added: list[tuple[str, ...]]
 
 
@@ -83,13 +80,13 @@ def draft(
     added: list[tuple[str, ...]] = []
     how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
     how |= {"along": along, "known": {} if known is None else known}
-    first = stage = first_stage(measured, model, **how)
+    stage = first_stage(measured, model, **how)
     by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
     if not from_data and by_effects and _is_doubtful(stage, settings) and not deadline.is_over:
         how["values"] = _values_from_data(measured, model, band, on_step, deadline)
     if how.get("values") is not None:
         with in_time():
-            first = stage = first_stage(measured, model, **how)
+            stage = first_stage(measured, model, **how)
     if is_open(measured) and stage.hold is not None:
         measured = read_as(measured, stage.hold)
     while len(added) < linear_rounds and _adds_linear(stage, settings):
@@ -105,7 +102,7 @@ def draft(
         model = larger
     labels = dict(model.labels())
     own = {label: params for label, params in stage.linear.items() if label in labels}
-    return Draft(with_stack(model, own), stage, first, added)
+    return Draft(with_stack(model, own), stage, added)
 
 
 def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:

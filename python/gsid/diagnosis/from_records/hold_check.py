@@ -54,7 +54,7 @@ def check_hold(rounds: Rounds) -> None:
         if smaller is not None:
             run.notes.append(_note([one], other_hold))
             rounds.drop([one], smaller)
-            final = smaller
+            final, whole = smaller, _fit(run, smaller.model, other_hold)
     as_assumed(final.fit, whole.fit if whole else None)
 
 

@@ -115,8 +115,11 @@ def _structures(run: Run, quiet: Sequence[Spectra]) -> Iterator[PlantModel]:
 
 def _own_structure(run: Run, quiet: Sequence[Spectra]) -> PlantModel | None:
     """The canonical stack that some records show; None if they show none."""
-    found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
-    return canonical_stack(found.model(), run.f_lo_hz, run.settings) if found.has_model else None
+    try:
+        found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
+        return canonical_stack(found.model(), run.f_lo_hz, run.settings) if found.has_model else None
+    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        return None
 
 
 def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:

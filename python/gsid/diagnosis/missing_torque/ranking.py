@@ -78,7 +78,6 @@ class Candidate:
     fit: LinearFit | None = None
     kept: float = np.inf
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scatter: float = np.inf
     scatter_error: float = 0.0
 

@@ -261,7 +261,7 @@ def first_stage(
         ranking,
         by_noise.null.cost_per_dof,
         one.null.part.stack,
-        _not_tried(model, one),
+        _not_tried(one),
         clock.seconds,
         _hold(one.problem, measured),
         one.problem.n_rows,
@@ -542,7 +542,7 @@ def _scan_only(one: Candidate) -> Ranked:
     return Ranked((one.name,), {}, {}, nan, nan, nan, nan, nan, one.gain)
 
 
-def _not_tried(model: PlantModel, one: _Fitted) -> dict[str, Any]:
+def _not_tried(one: _Fitted) -> dict[str, Any]:
     found = {BACKLASH: "the position of the motor is hidden; it needs a simulation"}
     found |= {each.name: "the time was over before its fit" for each in one.too_late}
     if one.problem.closed_loop:
