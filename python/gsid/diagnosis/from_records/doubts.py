@@ -1,4 +1,5 @@
-"""Doubts about a law that is far better than nothing: one line, a mode without resonance, a limit of shapes.
+"""Doubts about a law that is far better than nothing: one line, the same response in all records, a mode
+without resonance, a limit of shapes.
 
 A disturbance at a fixed frequency, such as a fan, leaves one line that is no noise, and a narrow mode fits
 it in some of the records. A mode far above the band, or heavily damped, is a lag or a delay to the data.
@@ -12,13 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.effects.types import find
-from gsid.greybox.fit import PlantFit
+from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.effect import Effect, Param
 from gsid.structure.settings import StructureSettings
 
+F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
+INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
 MANY_SHAPES = 3  # parameters of a law that has laws of other families as limits
 
 
@@ -38,6 +42,11 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
+        )
+    if not is_linear(effect) and explains_linear_response(null, fit, settings):
+        found.append(
+            f"What {effect} explains is the same response to the input in all records, as that of a linear"
+            " effect that the model lacks."
         )
     if find(effect).linear_part == "mode" and n_resonances(fit, settings) <= n_resonances(null, settings):
         found.append(
@@ -102,6 +111,49 @@ def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
     elsewhere = float(np.sum(fall) - fall[i])
     counts = int(n_records[i]), int(np.bincount(np.concatenate(lines))[i])
     return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), *counts, elsewhere)
+
+
+def explains_linear_response(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:
+    """Whether a change of the linear response explains what a law explains, or all but a small share of it.
+
+    Any change of the response is taken from each fit, on the lines that several records excite (DIA-15).
+
+    Parameters
+    ----------
+    null, fit : PlantFit
+        To the same records.
+    settings : DecisionSettings
+    """
+    fall = _cost_beside_response(null) - _cost_beside_response(fit)
+    return fall < max(settings.worse, settings.nonlinear_share * (null.cost - fit.cost))
+
+
+def _cost_beside_response(fit: PlantFit) -> float:
+    """Cost beside any change of the response to the input, on lines that several records excite.
+
+    Records with one and the same input are one: they do not tell a response from a distortion.
+    """
+    parts = [_on_excited_lines(one) for one in fit.records]
+    f_hz, error, u, weight = (np.concatenate(each) for each in zip(*parts, strict=True))
+    _, line = np.unique(np.rint(f_hz / F_STEP_HZ), return_inverse=True)
+    of_all = np.bincount(line) * np.bincount(line, np.abs(u) ** 2)
+    differ = 1 - _power_of_sum(line, u) / of_all > INPUTS_DIFFER
+    column = u * weight
+    by_response = _power_of_sum(line, column.conj() * error) / np.bincount(line, np.abs(column) ** 2)
+    return fit.cost - float(np.sum(by_response[differ]))
+
+
+def _on_excited_lines(one: RecordFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Frequency [Hz], weighted error, input and weight of the lines that a record excites."""
+    real, imaginary = np.split(one.residual, 2)
+    u = one.spectra.u[one.line]
+    use = one.spectra.excited[one.line] & (u != 0)
+    return one.spectra.f_hz[one.line][use], (real + 1j * imaginary)[use], u[use], one.weight[use]
+
+
+def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """|sum|^2 of the complex values of each line."""
+    return np.bincount(line, values.real) ** 2 + np.bincount(line, values.imag) ** 2
 
 
 def _costs(fit: PlantFit) -> list[np.ndarray]:

@@ -125,6 +125,9 @@ class DecisionSettings:
     zeta_of_joint : float
         Damping ratio from which a mode of the linear structure may stand for a joint with play: the modes of
         stiff structures have 0.003 to 0.05, those that stood for a joint 0.2 to 1.6.
+    nonlinear_share : float
+        Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
+        linear response: right laws had 0.43 and more, a creep that Bouc-Wen friction stands for none.
     far_structure : float
         Cost of a structure for play, over that of the best one, from which it is tried last. Without play
         those that turned out right cost up to 7 times as much as the linear part.
@@ -201,6 +204,7 @@ class DecisionSettings:
     periods_least: int = 6
     clear_misfit: float = 10.0
     zeta_of_joint: float = 0.1
+    nonlinear_share: float = 0.1
     far_structure: float = 7.0
     named_scatter: float = 0.06
     scatter_errors: float = 2.5

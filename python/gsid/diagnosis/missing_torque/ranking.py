@@ -58,8 +58,8 @@ class Candidate:
         Joint fit; None if it was not refitted.
     kept : float
         Kept-out cost per whitened number; 1 is noise.
-    coefficients, errors : (c,) ndarray
-        Of the joint fit, and their standard errors.
+    coefficients : (c,) ndarray
+        Of the joint fit.
     scatter, scatter_error : float
         Scatter of the coefficient over realisations, relative to it, and what noise makes of it.
     """
