@@ -80,6 +80,13 @@ def test_bug_frictions_that_do_not_slide_kept_a_spring_from_its_name(better, ver
     assert decision(spring, sliding, fit("bouc_wen", 1.0), null=2.0).verdict == verdict
 
 
+@pytest.mark.parametrize(("name", "verdict"), [("level", "nearest_effect"), ("angle_deg", "missing_effect")])
+def test_bug_a_quadratic_spring_was_named_an_unbalance(name, verdict):
+    """With 0.97, at a level 500 times the torque of the motor that the data did not determine."""
+    best = fit("mass_unbalance", 1.0, undetermined=[f"mass_unbalance.{name}"])
+    assert decision(best, fit("coulomb_friction", 60.0)).verdict == verdict
+
+
 @pytest.mark.parametrize(
     ("undetermined", "verdict"),
     [("flexible_mode#2.zeta", "nearest_effect"), ("flexible_mode.zeta", "missing_effect")],

@@ -23,6 +23,7 @@ from gsid.diagnosis.missing_torque.conclusion import (
     too_small,
 )
 from gsid.diagnosis.missing_torque.stage import FirstStage
+from gsid.effects.types import find
 
 ADEQUATE, MISSING, NEAREST, UNKNOWN = "adequate", "missing_effect", "nearest_effect", "unknown_effect"
 
@@ -122,6 +123,19 @@ def is_undetermined_alone(one: Simulated, settings: DecisionSettings) -> bool:
     return has_many_shapes and one.scatter > settings.shape_scatter
 
 
+def is_strength_determined(one: Simulated) -> bool:
+    """Whether the data determine the parameters of a law that are zero without it.
+
+    Else another law has the same torque within this travel, as a quadratic spring has that of an unbalance.
+
+    Parameters
+    ----------
+    one : Simulated
+    """
+    strengths = [p.name for p in find(one.effects[0]).parameters if p.null_value == 0]
+    return not any(f"{one.label}.{name}" in one.fit.undetermined for name in strengths)
+
+
 def against(evidence: Evidence, best: Simulated) -> list[str]:
     """What keeps the best law from being named, one sentence each.
 
@@ -156,7 +170,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
             f"Noise alone varies the coefficient of the best law by {100 * best.scatter_error:.0f} %."
         )
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] == best.label]
-    if unknown and not adequate:
+    if unknown and not (adequate and is_strength_determined(best)):
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
     reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.beaten_by]
     if not adequate:  # else it was an error of the measured motion
