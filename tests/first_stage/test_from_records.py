@@ -292,6 +292,32 @@ def test_emps_is_coulomb_friction_in_its_closed_loop_with_the_ripple_of_its_scre
     assert found.to_dict()["ripple"]["unit"] == "m"
 
 
+def linear_loop(seed, noise=0.02, fs_hz=1000.0, n=1000, periods=8):
+    """A body with damping behind one sample of delay, in a loop with a PI controller; noise on the output."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(n // 2 + 1, complex)
+    spectrum[1:120:2] = np.exp(2j * np.pi * rng.random(60)) * 10 * n / 60
+    r = np.tile(np.fft.irfft(spectrum, n), periods + 2)
+    u, y, rate, integral, last = np.zeros(len(r)), np.zeros(len(r)), 0.0, 0.0, 0.0
+    decay = np.exp(-9.0 / fs_hz)
+    for k in range(len(r)):
+        y[k] = rate + noise * rng.standard_normal()
+        integral += (r[k] - y[k]) / fs_hz
+        u[k] = 3.0 * (r[k] - y[k]) + 60.0 * integral
+        rate = decay * rate + 8.0 * (1 - decay) / 9.0 * last
+        last = u[k]
+    return Record(u, y, fs_hz, n, 2 * n, hold="zoh", y_unit="deg/s", columns={"r": r})
+
+
+def test_bug_feedback_gave_a_linear_axis_a_missing_effect():
+    """The weights were those of the output, from which the loop takes the slow part of the noise: 5 of 5."""
+    print("seeds 1 and 2")
+    found = gsid.diagnose_records([linear_loop(1), linear_loop(2)], reference="r", time_s=300)
+    print(found)
+    assert found.verdict == "adequate"
+    assert gsid.compare(found.linear, found.measured, fitted=True).adequate
+
+
 @pytest.mark.skipif(not EMPS.exists(), reason=f"no measured record {EMPS} (set GSID_DATA)")
 def test_a_closed_loop_whose_controller_is_of_another_kind_is_not_confirmed():
     record, strict = read_record(EMPS, u="v", y="q"), replace(DEFAULTS, loop_error=1e-3)
