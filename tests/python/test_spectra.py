@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
+from gsid.base.errors import InputError
+from gsid.records import periods
 from gsid.records.record import Record
 from gsid.spectrum.lines import covariance, period_lines, variance_between_lines
-from gsid.spectrum.realisation import spectra
+from gsid.spectrum.realisation import realisations, spectra, spectra_of
 
 N, P, SEED = 600, 4, 41
 
@@ -67,3 +70,27 @@ def test_settling_of_a_fraction_of_a_period_changes_nothing():
     # Turned and turned back: rounding alone.
     turned = mean_and_variances(wander, settle=N + 77)[1]
     np.testing.assert_allclose(turned, mean_and_variances(wander)[1], rtol=1e-9)
+
+
+def test_bug_a_record_given_twice_counted_as_two_realisations():
+    """Its scatter over realisations was 0, and an effect was named that one record does not show."""
+    rng = np.random.default_rng(20261127)
+    u, y = np.tile(rng.standard_normal(100), 4), rng.standard_normal(400)
+    one, copy = Record(u, y, 1000.0, 100, 0, name="a"), Record(u, y.copy(), 1000.0, 100, 0, name="b")
+    other = Record(u, y + 1e-9, 1000.0, 100, 0, name="c")
+    assert len(spectra_of([one, other])) == 2
+    for same in ([one, other, copy], [spectra(one), spectra(copy)]):
+        with pytest.raises(InputError, match=r"given twice(.|\n)*b: a"):
+            spectra_of(same)
+        with pytest.raises(InputError, match="given twice"):
+            realisations(same)
+
+
+def test_bug_lost_samples_were_called_a_wrong_period(monkeypatch):
+    """The hint was to give the period that had been found."""
+    u = np.random.default_rng(20261128).standard_normal(600)
+    monkeypatch.setattr(periods, "find_period", lambda *_, **__: 200)
+    with pytest.raises(InputError, match="samples may be lost"):
+        spectra(Record(u, u, 1000.0))
+    with pytest.raises(InputError, match="u repeats every 200 samples"):
+        spectra(Record(u, u, 1000.0), period=150)

@@ -305,6 +305,13 @@ def test_bad_arguments():
         gsid.start(measured, band=(1.0, 6.0))
 
 
+def test_bug_a_constant_output_ended_in_a_singular_matrix():
+    rng = np.random.default_rng(SEED)
+    moving = record(axes.drawn(rng, 0.0), rng)
+    with pytest.raises(InputError, match="y is constant"):
+        gsid.start(replace(moving, y=np.zeros_like(moving.y)))
+
+
 # ---- measured records ----------------------------------------------------------------------------------
 
 

@@ -183,7 +183,11 @@ def _saved(given: PlantModel | None, found: Diagnosis, path: str) -> PlantModel 
 
 def _missing(found: Diagnosis, curve: str | None) -> TorqueResidual | None:
     """The missing torque as a curve, if it was requested or if no law explains it."""
-    if found.linear is None or not (curve or found.verdict in ("unknown_effect", "nearest_effect")):
+    if found.linear is None:
+        if curve:
+            print_message(f"note: without a linear model there is no missing torque: {curve} was not written")
+        return None
+    if not (curve or found.verdict in ("unknown_effect", "nearest_effect")):
         return None
     missing = found.torque_residual()
     if curve:
@@ -246,7 +250,7 @@ def _suggest(found: Diagnosis, records: Sequence[str], model_path: str | None, c
         suggest(f"{typed} judges it on {which}{rest}")
     if found.verdict != "unknown_effect":
         return
-    if not curve:
+    if not curve and found.linear is not None:
         suggest("--curve CURVE.csv saves the missing torque as a law")
     elif model_path:
         as_law = command_line("add", "--table", curve, *given, *judge, records=records, output="M2.json")

@@ -114,7 +114,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"u does not repeat every {period} samples",
             record.name,
             f"{max(share, 0):.0%} of its power does",
-            _other_period(record),
+            _other_period(record, period),
         )
     if not np.any(y - y[0, 0]):
         _log.warning("%s: y is constant: nothing was measured", label)
@@ -159,12 +159,14 @@ def _too_few_periods(record: Record, period: int, settle: int, n_spoiled: int) -
     )
 
 
-def _other_period(record: Record) -> str:
+def _other_period(record: Record, period: int) -> str:
     """Hint for a period that is not that of u."""
     try:
         found = find_period(record.u, valid=record.valid)
     except InputError:
         return "excite with a periodic signal (gsid design), or select the command as input with --u"
+    if found == period:
+        return "samples may be lost: number them by a column of times, or measure without losses"
     return f"u repeats every {found} samples: omit --period, or give this value"
 
 

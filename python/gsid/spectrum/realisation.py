@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,6 +107,8 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
         The sequence is empty.
     TypeError
         An item is not a record, for example the name of a file.
+    InputError
+        Two records have the same samples.
     """
     is_one = isinstance(records, str | Path) or not isinstance(records, Iterable)
     several = [records] if is_one else list(records)
@@ -116,7 +119,20 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
             hint = "; read_record reads a file" if isinstance(one, str | Path) else ""
             hint = "; Record(u, y, fs_hz) makes one" if isinstance(one, np.ndarray | float) else hint
             raise TypeError(f"a record must be a Record or Spectra, got {type(one).__name__}{hint}")
+    for one, other in itertools.combinations(several, 2):
+        if _are_same(one, other):
+            hint = "the same samples are no second realisation: leave one of them out"
+            raise InputError("a record was given twice", other.name, one.name or None, hint)
     return several
+
+
+def _are_same(one: Record | Spectra, other: Record | Spectra) -> bool:
+    """Whether two records have the same samples, under whatever names."""
+    if isinstance(one, Spectra) and isinstance(other, Spectra):
+        return bool(one.digest) and one.digest == other.digest and np.array_equal(one.u, other.u)
+    if not (isinstance(one, Record) and isinstance(other, Record)):
+        return False
+    return np.array_equal(one.y, other.y, equal_nan=True) and np.array_equal(one.u, other.u, equal_nan=True)
 
 
 @dataclass(repr=False)

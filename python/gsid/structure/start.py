@@ -268,6 +268,9 @@ def start(
     settings = settings or StructureSettings()
     source = measurement(records, period, settle, band, reference)
     measured = source.total_variance()
+    if not np.any(measured.g):
+        hint = "select the output with --y, and check that the axis moved"
+        raise InputError("y is constant: nothing was measured", measured.name, None, hint)
     if len(measured) < settings.lines_min:
         hint = "excite more lines, or widen the band"
         raise InputError("too few lines for a structure", measured.name, len(measured), hint)
