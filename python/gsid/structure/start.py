@@ -267,10 +267,9 @@ def start(
         raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}")
     settings = settings or StructureSettings()
     source = measurement(records, period, settle, band, reference)
+    for one in source.records:
+        _require_motion(one)
     measured = source.total_variance()
-    if not np.any(measured.g):
-        hint = "select the output with --y, and check that the axis moved"
-        raise InputError("y is constant: nothing was measured", measured.name, None, hint)
     if len(measured) < settings.lines_min:
         hint = "excite more lines, or widen the band"
         raise InputError("too few lines for a structure", measured.name, len(measured), hint)
@@ -291,6 +290,14 @@ def start(
             except OutOfTime:
                 best.selection.complete = False
     return _described(best, found, measured, axis, rate_hz, output)
+
+
+def _require_motion(one: Record | Spectra) -> None:
+    """Refuse a record whose output is constant."""
+    moves = np.any(one.Y[:, 1:]) if isinstance(one, Spectra) else np.ptp(one.y[one.valid]) > 0
+    if not moves:
+        hint = "select the output with --y, and check that the axis moved"
+        raise InputError("y is constant: nothing was measured", one.name, None, hint)
 
 
 def _outputs(output: str | None, y_unit: str) -> tuple[str, ...]:
