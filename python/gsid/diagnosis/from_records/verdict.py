@@ -150,7 +150,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     if not (best.converged or (adequate and best.stalled)):
         reasons.append("The fit of the best law by simulation has not converged.")
     if best.cost >= evidence.null.cost:
-        reasons.append("The fit without a law is as good.")
+        reasons.append("The best law fits no better than the linear part alone.")
     if share < settings.named_share:
         reasons.append(too_small(share, settings.named_share))
     if margin < settings.named_margin and not (adequate and evidence.is_clear(best)):

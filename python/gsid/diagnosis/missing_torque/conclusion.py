@@ -251,7 +251,7 @@ def too_close(leaves: float, lead: float, is_linear_part: bool = False) -> str:
     """
     if is_linear_part:
         differs = f"{abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
-        return f"Without the best law only {leaves:.2g} times as much is left, and the cost is {differs}."
+        return f"The linear part alone leaves {leaves:.2g} times what the best law leaves; its cost is {differs}."
     if lead < 0:
         return f"A law of another family fits better (cost lower by {-lead:.0f})."
     leaves_as_much = f"The best law of another family leaves only {leaves:.2g} times as much"
