@@ -250,8 +250,8 @@ def too_close(leaves: float, lead: float, is_linear_part: bool = False) -> str:
         Whether it is the fit without a law instead.
     """
     if is_linear_part:
-        differs = f"{abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
-        return f"The linear part alone leaves {leaves:.2g} times what the best law leaves; its cost is {differs}."
+        differs = f"its cost is {abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
+        return f"The linear part alone leaves {leaves:.2g} times what the best law leaves; {differs}."
     if lead < 0:
         return f"A law of another family fits better (cost lower by {-lead:.0f})."
     leaves_as_much = f"The best law of another family leaves only {leaves:.2g} times as much"
