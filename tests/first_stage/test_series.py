@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from gsid.diagnosis.from_records import series_check
 from gsid.diagnosis.from_records.series_check import check_series, of_series
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
@@ -61,3 +62,24 @@ def test_one_mode_stays_named():
     kept = list(rounds.kept)
     check_series(rounds)
     assert (rounds.kept, rounds.near, rounds.has_series) == (kept, [], False)
+
+
+@pytest.mark.parametrize("is_linear", [True, False])
+def test_bug_a_drag_and_a_dry_friction_were_named_for_a_damping(monkeypatch, is_linear):
+    """Each explains more than a change of the response beside the other; both together do not (104013, 21)."""
+    friction, drag = (
+        SimpleNamespace(decision=Decision(MISSING, (name,), (), 0.01))
+        for name in ("coulomb_friction", "quadratic_drag")
+    )
+    given = SimpleNamespace(model=GIVEN, fit="without them")
+    final = SimpleNamespace(model=GIVEN, fit="with both")
+    rounds = SimpleNamespace(kept=[friction, drag], near=[], joint=None, final=final, settings=DEFAULTS)
+    rounds.first, rounds.has_series = SimpleNamespace(null=given), False
+    asked = []
+    monkeypatch.setattr(
+        series_check, "explains_linear_response", lambda *fits: asked.append(fits) or is_linear
+    )
+    check_series(rounds)
+    assert asked == [("without them", "with both", DEFAULTS)]
+    assert (rounds.kept, rounds.near) == (([], [friction, drag]) if is_linear else ([friction, drag], []))
+    assert rounds.joint == (final if is_linear else None)

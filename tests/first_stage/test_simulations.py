@@ -9,6 +9,7 @@ from test_steps import BODY, LAG, VISCOUS, model
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import fit_laws
+from gsid.diagnosis.from_records.confirm import LINEAR_PART
 from gsid.diagnosis.from_records.settings import DEFAULTS
 
 # ---- the fit of the best law that was cut short -----------------------------------------------------
@@ -141,3 +142,19 @@ def test_bug_a_linear_effect_that_became_zero_was_fitted_by_simulation(left_out)
     assert fits.fit(start, ("sensor_lag",)) is None
     why = "left out in a closed loop" if left_out else "zero in the first stage"
     assert fits.not_tried == {"sensor_lag": why}
+
+
+def test_bug_without_a_fit_of_the_linear_part_nothing_was_tried(monkeypatch):
+    """The values of the draft could not be simulated; those of the stack can (104012, single 19)."""
+    tried = []
+
+    def fit(model, effects):
+        tried.append(model)
+        fits.not_tried[LINEAR_PART] = "it cannot be simulated"
+        return "a fit" if model == "stack" else None
+
+    fits = SimpleNamespace(fit=fit, not_tried={})
+    run = SimpleNamespace(stack="stack", known=[], draft=SimpleNamespace(model="draft"), deadline=Deadline())
+    run.pruned = lambda model: model
+    assert fit_laws._fitted_null(run, fits) == "a fit"
+    assert (tried, fits.not_tried) == (["draft", "stack"], {})

@@ -21,6 +21,8 @@ from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
+LINEAR_PART = "the linear part"  # name of a fit without a law
+
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
@@ -111,7 +113,7 @@ class Simulations:
         to_beat : float, optional
             Cost of the winner: a fit that cannot reach it is given up.
         """
-        name = " and ".join(effects) or "the linear part"
+        name = " and ".join(effects) or LINEAR_PART
         if not self._may_begin(name):
             return None
         model = self.completed(model)
@@ -141,7 +143,7 @@ class Simulations:
         ----------
         one : Simulated
         """
-        self.on_step(f"finishing the fit of {' and '.join(one.effects) or 'the linear part'}")
+        self.on_step(f"finishing the fit of {' and '.join(one.effects) or LINEAR_PART}")
         deadline = self.deadline.bounded(self.settings.moves_of_fit)
         try:
             fit, stalled = self._in_slices(one.model, None, deadline)

@@ -11,7 +11,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
 )
-from gsid.diagnosis.from_records.confirm import Simulated, Simulations
+from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.law_part import without_added
@@ -42,7 +42,7 @@ def confirm(run: Run) -> None:
         fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
         listed = short_list(run.draft, run.pruned, run.settings, run.without) if missing else []
         run.on_step.expect(len(listed) + (run.null is None))
-        run.null = run.null or fits.fit(run.pruned(_linear_start(run)), ())
+        run.null = run.null or _fitted_null(run, fits)
         if run.null is not None and missing:
             _fit_laws(run, fits, listed)
         run.accept_noise()
@@ -52,6 +52,17 @@ def confirm(run: Run) -> None:
             reason = f"No law was fitted by simulation; {' or '.join(run.decision.effects)} is a first draft."
             run.decision = Decision(UNKNOWN, (), (*run.decision.reasons, reason))
     run.not_tried.update(fits.not_tried)
+
+
+def _fitted_null(run: Run, fits: Simulations) -> Simulated | None:
+    """The linear part by simulation; from the stack itself if the draft's values cannot be simulated."""
+    found = fits.fit(run.pruned(_linear_start(run)), ())
+    if found is not None or run.deadline.is_used_up:
+        return found
+    found = fits.fit(run.pruned(run.stack), ())
+    if found is not None:
+        fits.not_tried.pop(LINEAR_PART, None)
+    return found
 
 
 def _linear_start(run: Run) -> PlantModel:

@@ -1,4 +1,4 @@
-"""Whether several copies of one effect stand for another one: a series of modes imitates a delay or a lag."""
+"""Whether several effects stand for another one: a series of modes for a delay, two laws for a damping."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from collections import Counter
 from dataclasses import replace
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.doubts import explains_linear_response
+from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.rounds import Rounds
+from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.verdict import NEAREST
 from gsid.plant.model import PlantModel
 
 
 def check_series(rounds: Rounds) -> None:
-    """Turn a named effect into the nearest where the model needs several copies of it.
+    """Turn named effects into the nearest where several copies, or several laws, stand for a linear effect.
 
     Parameters
     ----------
@@ -25,11 +28,21 @@ def check_series(rounds: Rounds) -> None:
     for one in list(rounds.kept):
         reason = of_series(one.decision.effects[0], given.model, final, rounds.settings)
         if reason:
-            one.decision = replace(one.decision, verdict=NEAREST, reasons=(reason,))
-            rounds.kept.remove(one)
-            rounds.near.append(one)
-            rounds.joint = final
-            rounds.has_series = True
+            _make_nearest(rounds, one, reason, final)
+    laws = [one for one in rounds.kept if not is_linear(one.decision.effects[0])]
+    if len(laws) > 1 and explains_linear_response(given.fit, final.fit, rounds.settings):
+        names = " and ".join(one.decision.effects[0] for one in laws)
+        for one in laws:
+            _make_nearest(rounds, one, f"What {names} explain together is a linear effect.", final)
+
+
+def _make_nearest(rounds: Rounds, one: Run, reason: str, final: Simulated) -> None:
+    """An effect that was named is only the nearest; in place."""
+    one.decision = replace(one.decision, verdict=NEAREST, reasons=(reason,))
+    rounds.kept.remove(one)
+    rounds.near.append(one)
+    rounds.joint = final
+    rounds.has_series = True
 
 
 def of_series(effect: str, given: PlantModel, final: Simulated, settings: DecisionSettings) -> str | None:
