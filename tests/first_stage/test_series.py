@@ -66,13 +66,12 @@ def test_one_mode_stays_named():
 
 @pytest.mark.parametrize("is_linear", [True, False])
 def test_bug_a_drag_and_a_dry_friction_were_named_for_a_damping(monkeypatch, is_linear):
-    """Each explains more than a change of the response beside the other; both together do not (104013, 21)."""
+    """Each explains more than a change of the response beside the other; both together do not."""
     friction, drag = (
         SimpleNamespace(decision=Decision(MISSING, (name,), (), 0.01))
         for name in ("coulomb_friction", "quadratic_drag")
     )
-    given = SimpleNamespace(model=GIVEN, fit="without them")
-    final = SimpleNamespace(model=GIVEN, fit="with both")
+    given, final = (SimpleNamespace(model=GIVEN, fit=SimpleNamespace(noise_p_value=p)) for p in (0.0, 0.5))
     rounds = SimpleNamespace(kept=[friction, drag], near=[], joint=None, final=final, settings=DEFAULTS)
     rounds.first, rounds.has_series = SimpleNamespace(null=given), False
     asked = []
@@ -80,6 +79,6 @@ def test_bug_a_drag_and_a_dry_friction_were_named_for_a_damping(monkeypatch, is_
         series_check, "explains_linear_response", lambda *fits: asked.append(fits) or is_linear
     )
     check_series(rounds)
-    assert asked == [("without them", "with both", DEFAULTS)]
+    assert asked == [(given.fit, final.fit, DEFAULTS)]
     assert (rounds.kept, rounds.near) == (([], [friction, drag]) if is_linear else ([friction, drag], []))
     assert rounds.joint == (final if is_linear else None)
