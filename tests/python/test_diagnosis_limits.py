@@ -90,7 +90,8 @@ def test_bug_a_third_mode_took_the_place_of_the_second():
 def test_bug_a_wrong_unit_stayed_in_the_records_of_a_closed_loop(record, monkeypatch):
     """An angle in deg/s: the fits by simulation inside the loop were refused."""
     found = plant(AXIS, output="angle")
-    start = SimpleNamespace(has_model=True, model=lambda: found, measured=SimpleNamespace(f_hz=[1.0]))
+    start = SimpleNamespace(has_model=True, model=lambda: found, measured=None)
+    start.measured = SimpleNamespace(f_hz=[1.0], y_unit="deg/s")
     monkeypatch.setattr(finding, "start", lambda *_, **__: start)
     run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
     run.by_reference = [gsid.spectra(record)]
