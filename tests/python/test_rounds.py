@@ -48,18 +48,23 @@ class Fits:
 class Run:
     """A round beside the effects of a model; `answers` are (verdict, effect, share) by the effects known.
 
-    An answer without an effect of the catalogue has this effect, with a minus, among those known.
+    An answer without an effect of the catalogue has this effect, with a minus, among those known; one beside
+    values that were not fitted has UNFIT among them.
     """
 
     settings, deadline, is_significant = DEFAULTS, Deadline(), True
 
-    def __init__(self, answers, known=()):
-        self.answers, self.known, self.notes = answers, known, []
+    def __init__(self, answers, known=(), is_fitted=False):
+        self.answers, self.known, self.notes, self.is_fitted = answers, known, [], is_fitted
         self.without, self.not_tried = set(), {}
 
     def draw_up(self):
         known = self.known
-        verdict, effect, self.share = self.answers[frozenset([*known, *(f"-{one}" for one in self.without)])]
+        asked = frozenset([*known, *(f"-{one}" for one in self.without)])
+        answer = (
+            self.answers[asked] if self.is_fitted else self.answers.get(asked | {UNFIT}, self.answers[asked])
+        )
+        verdict, effect, self.share = answer
         if verdict == OVER:  # the laws that are known are simulated first
             raise OutOfTime("the time is over")
         if verdict == NO_LAW:
@@ -72,7 +77,7 @@ class Run:
         self.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="named")))
 
     def beside(self, model, null=None):
-        return Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
+        return Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN), null is not None)
 
     def evidence(self):
         """The best rival of each law is a dead zone."""
@@ -120,7 +125,7 @@ def found(**answers):
     return names(rounds.kept), rounds.first.notes
 
 
-OVER, NO_LAW = "the time is over", "no law is left"
+OVER, NO_LAW, UNFIT = "the time is over", "no law is left", "unfit"
 NOTHING = (ADEQUATE, None, 0.0)
 UNFITTED = (ADEQUATE, None, None)  # by the first stage: no work was left for a simulation
 COULOMB, CUBIC = (MISSING, "coulomb_friction", 0.99), (MISSING, "cubic_spring", 0.99)
@@ -166,6 +171,18 @@ def test_of_several_effects_with_one_id_as_many_are_left_out_as_are_named():
         model = model.with_effect("flexible_mode", {"f_hz": f_hz, "zeta": 0.01, "residue": 0.1})
     left = without(model, ["flexible_mode", "flexible_mode"])
     assert [one.params["f_hz"].value for one in left.effects if one.id == "flexible_mode"] == [50.0]
+
+
+def test_bug_a_second_effect_was_lost_beside_values_that_were_not_fitted():
+    """A cubic spring was found beside Coulomb friction, and was unknown when it was judged again."""
+    answers = {
+        "alone": COULOMB,
+        "coulomb_friction": CUBIC,
+        "coulomb_friction_and_unfit": (UNKNOWN, "cubic_spring", 0.1),
+        "cubic_spring": COULOMB,
+        "coulomb_friction_and_cubic_spring": NOTHING,
+    }
+    assert found(**answers) == (["coulomb_friction", "cubic_spring"], [])
 
 
 def test_a_law_that_explains_little_is_no_reason_for_a_further_round():

@@ -19,7 +19,7 @@ from gsid.diagnosis.from_records.fit_laws import confirm, fit_play
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.seek_play import seek_play_from_data
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
@@ -175,13 +175,13 @@ class Rounds:
             effect, *left = left
             # Two laws of one family may stand for a third.
             alike = [other for other in left if same_family(other, effect)]
-            again = judged(taken[0], without(final.model, [effect, *alike]))
+            again = _judged_again(taken[0], without(final.model, [effect, *alike]))
             if again is None:
                 return None
             if again.decision.verdict == MISSING and not (alike and self._is_worse(again.final, final)):
                 left = [other for other in left if other not in alike]
             elif alike:
-                again = judged(taken[0], without(final.model, [effect]))
+                again = _judged_again(taken[0], without(final.model, [effect]))
             if again is None:
                 return None
             if again.decision.verdict == ADEQUATE:  # the others explain what it did
@@ -228,6 +228,18 @@ class Rounds:
 
     def _is_worse(self, one: Simulated, other: Simulated) -> bool:
         return self.first.evidence().is_worse(one, other)
+
+
+def _judged_again(before: Run, model: PlantModel) -> Run | None:
+    """A round beside a model; if it is unknown, beside the fit of this model as well.
+
+    The part of the other laws is subtracted along the motion of the model, which may be far from the measured
+    one while an effect is missing.
+    """
+    again = judged(before, model)
+    if again is None or again.null is None or again.decision.verdict != UNKNOWN:
+        return again
+    return judged(before, again.null.model, again.null)
 
 
 def _is_near(run: Run) -> bool:
