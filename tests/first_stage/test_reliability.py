@@ -66,7 +66,7 @@ def test_a_free_function_counts_only_where_more_than_noise_is_left():
 
 def summary_of(of_laws, verdict="missing_effect", **changes):
     """The ranking with its probabilities, and whether there were trials like this diagnosis."""
-    run = {"cut": False, "interrupted": False, "in_closed_loop": False, "known": []} | changes
+    run = {"cut": False, "interrupted": False, "in_closed_loop": False, "known": [], "given": None} | changes
     names = [("coulomb_friction",), ("stribeck_friction",), (), ("cubic_spring",), ("hard_stop",)]
     ranking = [RankedLaw(name, {}, 1.0, 1.0, 1.0, 0.0, True) for name in names]
     basis = Basis(**BASIS | {"effects": ("coulomb_friction", "stribeck_friction")})
@@ -86,6 +86,7 @@ def test_the_entries_of_the_ranking_sum_to_one_and_members_of_a_group_share_thei
 
 
 WITHOUT = [{"cut": True}, {"interrupted": True}, {"in_closed_loop": True}, {"known": ["a law"]}]
+WITHOUT.append({"given": SimpleNamespace(has_controller=True)})
 
 
 @pytest.mark.parametrize("case", [*WITHOUT, {"verdict": "adequate"}])
@@ -105,7 +106,7 @@ def test_bug_a_fit_that_the_time_stopped_hid_the_probability(monkeypatch, is_fit
         laws=[],
         final=None,
         cut=False,
-        deadline=SimpleNamespace(is_over=bool(is_over)),
+        deadline=SimpleNamespace(is_over=bool(is_over), is_used_up=bool(is_over)),
         decide=lambda: None,
         given=None,
         null=None,

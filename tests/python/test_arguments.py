@@ -2,6 +2,7 @@
 
 import re
 import traceback
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,13 +72,18 @@ def test_a_sample_rate_is_a_number(tmp_path):
         read_record(tmp_path / "rec.npz", fs_hz="1000")
 
 
+def another(record):
+    """A second realisation: its samples are not the same."""
+    return replace(record, y=1.01 * record.y)
+
+
 @pytest.mark.parametrize("band", ["2:200", 200, (2, "200"), (2, 100, 200)])
 def test_a_band_is_two_numbers(record, band):
     response = gsid.frf(record)
     for call in (
         lambda: gsid.frf(record, band=band),
         lambda: gsid.frf(record, band=band, window=256),
-        lambda: gsid.distortion([record, record], band=band),
+        lambda: gsid.distortion([record, another(record)], band=band),
         lambda: gsid.fit(response, "1/0", band=band),
         lambda: gsid.compare(gsid.fit(response, "1/0"), record, band=band),
         lambda: Multisine.design(FS_HZ, N, band),
@@ -111,7 +117,7 @@ def test_what_is_no_record_or_no_response(record):
 
 
 def test_a_record_is_fitted_with_the_defaults_of_frf(record):
-    for given in (record, [record], [record, record], gsid.spectra(record)):
+    for given in (record, [record], [record, another(record)], gsid.spectra(record)):
         model, expected = gsid.fit(given, "1/0"), gsid.fit(gsid.frf(given), "1/0")
         np.testing.assert_array_equal(model.num, expected.num)
         np.testing.assert_array_equal(model.cov, expected.cov)
@@ -137,7 +143,7 @@ def test_random_phases_want_a_whole_seed():
 
 
 def test_the_verbs_of_the_command_are_functions(record):
-    assert len(gsid.distortion([record, record]).responses) == 2
+    assert len(gsid.distortion([record, another(record)]).responses) == 2
     assert gsid.select_order(gsid.frf(record), ["1/0", "2/1"]).chosen.order
 
 

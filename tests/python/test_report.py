@@ -249,6 +249,7 @@ def test_pictures_for_what_there_is(multisine):
 
 def test_realisations_are_all_named(multisine):
     records = [simulate(multisine, name="one.csv"), simulate(multisine, name="two.csv")]
+    records[1].y *= 1.01  # another realisation
     page = Report("t").add_experiment("e", records, [spectra(r) for r in records], frf(records))
     text = Page(page.html()).text
     assert "one.csv, two.csv" in text

@@ -107,8 +107,6 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
         The sequence is empty.
     TypeError
         An item is not a record, for example the name of a file.
-    InputError
-        Two records have the same samples.
     """
     is_one = isinstance(records, str | Path) or not isinstance(records, Iterable)
     several = [records] if is_one else list(records)
@@ -119,11 +117,20 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
             hint = "; read_record reads a file" if isinstance(one, str | Path) else ""
             hint = "; Record(u, y, fs_hz) makes one" if isinstance(one, np.ndarray | float) else hint
             raise TypeError(f"a record must be a Record or Spectra, got {type(one).__name__}{hint}")
-    for one, other in itertools.combinations(several, 2):
+    return several
+
+
+def require_different(records: Sequence[Record | Spectra]) -> None:
+    """Refuse a record that is given twice: it is no second realisation.
+
+    Parameters
+    ----------
+    records : sequence of Record or Spectra
+    """
+    for one, other in itertools.combinations(records, 2):
         if _are_same(one, other):
             hint = "the same samples are no second realisation: leave one of them out"
             raise InputError("a record was given twice", other.name, one.name or None, hint)
-    return several
 
 
 def _are_same(one: Record | Spectra, other: Record | Spectra) -> bool:
@@ -211,11 +218,13 @@ def realisations(
     Raises
     ------
     InputError
-        As `spectra`; or the realisations differ in period, sample rate, hold or units.
+        As `spectra`; or the realisations differ in period, sample rate, hold or units, or are the same.
     ValueError
         The sequence is empty.
     """
-    parts = [_realisation(record, period, settle) for record in listed(records)]
+    several = listed(records)
+    require_different(several)
+    parts = [_realisation(record, period, settle) for record in several]
     for part in parts[1:]:
         require_same(parts[0], part)
     return parts

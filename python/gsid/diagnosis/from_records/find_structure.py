@@ -30,7 +30,7 @@ from gsid.plant.model import PlantModel, check_plant
 from gsid.plant.units import TRAVELS
 from gsid.records.record import Record
 from gsid.response.closed_loop import require_reference
-from gsid.spectrum.realisation import listed, spectra_of
+from gsid.spectrum.realisation import listed, require_different, spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 from gsid.structure.start import Start, start
 
@@ -55,6 +55,7 @@ def find_structure(
     with run.timed("spectra"):
         run.on_step("transforming the records")
         run.measured = spectra_of(records)
+        require_different(run.measured)
     require_motion_of_output(run.measured)
     if run.band is not None and not (model is not None and has_common_zero(model)):
         # Line 0 is of use to some laws only: costs of different lines cannot be compared.

@@ -14,6 +14,7 @@ from gsid.diagnosis.from_records.doubts import MANY_SHAPES
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import law
 from gsid.diagnosis.missing_torque.conclusion import (
     inexact,
     scattered,
@@ -124,7 +125,7 @@ def is_undetermined_alone(one: Simulated, settings: DecisionSettings) -> bool:
 
 
 def is_strength_determined(one: Simulated) -> bool:
-    """Whether the data determine the parameters of a law that are zero without it.
+    """Whether the data determine the parameters in which the torque of a law is linear.
 
     Else another law has the same torque within this travel, as a quadratic spring has that of an unbalance.
 
@@ -132,7 +133,7 @@ def is_strength_determined(one: Simulated) -> bool:
     ----------
     one : Simulated
     """
-    strengths = [p.name for p in find(one.effects[0]).parameters if p.null_value == 0]
+    strengths = [p.name for p in law(find(one.effects[0])).coefficients]
     return not any(f"{one.label}.{name}" in one.fit.undetermined for name in strengths)
 
 
