@@ -23,7 +23,7 @@ const gsid_effect EFFECT(stribeck_friction) = {
     .n_parameters = 3,
     .parameter = {{"level", "deg/s^2", R(15.0), R(0.0), ANY, R(0.0)},
                   {"extra", "deg/s^2", R(5.0), R(0.0), ANY, R(0.0)},
-                  {"velocity", "deg/s", R(1.0), R(1e-6), ANY, NAN}},
+                  {"velocity", "deg/s", R(1.0), R(1e-3), ANY, NAN}},
     .torque = torque,
     .holding = holding,
 };

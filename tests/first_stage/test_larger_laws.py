@@ -110,7 +110,7 @@ def test_what_is_left_out_is_not_considered(fits):
 
 
 def test_bug_a_slow_axis_has_no_shape_of_a_stribeck_friction():
-    """The least velocity is 1e-6 of any unit, and np.concatenate needs an array."""
+    """The least velocity is 1e-3 of any unit, and np.concatenate needs an array."""
     scales = dict.fromkeys(SCALES.values(), 1.0) | {"largest rate": 1e-6}
     law, scan = catalogue.law(find("stribeck_friction")), SimpleNamespace(freed=lambda x: x)
     scan.fit = SimpleNamespace(error=None)
