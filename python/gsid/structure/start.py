@@ -24,7 +24,7 @@ from gsid.plant.units import RADIANS, kind_of_unit, torque_text
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_response
 from gsid.response.total_variance import TotalVariance
-from gsid.spectrum.spectra import Spectra
+from gsid.spectrum.spectra import Spectra, require_motion_of_output
 from gsid.structure.covariance import Estimate, estimate
 from gsid.structure.elements import OUTPUTS
 from gsid.structure.friction import with_friction
@@ -293,9 +293,10 @@ def start(
 
 
 def _require_motion(one: Record | Spectra) -> None:
-    """Refuse a record whose output is constant."""
-    moves = np.any(one.Y[:, 1:]) if isinstance(one, Spectra) else np.ptp(one.y[one.valid]) > 0
-    if not moves:
+    """Refuse a record whose output is constant: its variance has no solution."""
+    if isinstance(one, Spectra):
+        require_motion_of_output([one])
+    elif np.ptp(one.y[one.valid]) == 0:
         hint = "select the output with --y, and check that the axis moved"
         raise InputError("y is constant: nothing was measured", one.name, None, hint)
 

@@ -59,7 +59,7 @@ class Rounds:
     joint : Simulated or None
         The fit with the nearest effects as well; None if there are none.
     has_series : bool
-        Whether an effect is only the nearest because too many copies of it are needed.
+        Whether effects are only the nearest because several together stand for a linear effect.
     """
 
     def __init__(self, first: Run) -> None:

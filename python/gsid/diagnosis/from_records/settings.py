@@ -127,7 +127,8 @@ class DecisionSettings:
         stiff structures have 0.003 to 0.05, those that stood for a joint 0.2 to 1.6.
     nonlinear_share : float
         Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
-        linear response: right laws had 0.43 and more, a creep that Bouc-Wen friction stands for none.
+        linear response: 33 right laws with small drops had 0.43 and more; Bouc-Wen friction in place of a
+        creep had less than none.
     far_structure : float
         Cost of a structure for play, over that of the best one, from which it is tried last. Without play
         those that turned out right cost up to 7 times as much as the linear part.
