@@ -30,3 +30,33 @@ def test_the_first_exception_is_raised():
 
     with pytest.raises(ValueError, match="job 1"):
         in_parallel(fail, range(3))
+
+
+def test_the_longest_jobs_start_first_and_results_keep_their_order(monkeypatch):
+    monkeypatch.setenv("GSID_THREADS", "2")
+    began = []
+
+    def long(seconds):
+        began.append(seconds)
+        time.sleep(seconds)
+        return seconds
+
+    jobs = [0.01, 0.02, 0.2, 0.1]
+    assert in_parallel(long, jobs, size=float) == jobs
+    assert set(began[:2]) == {0.2, 0.1}
+    assert began[2:] == [0.02, 0.01]
+
+
+def test_after_an_exception_waiting_jobs_do_not_start(monkeypatch):
+    monkeypatch.setenv("GSID_THREADS", "2")
+    began = []
+
+    def fail(i):
+        began.append(i)
+        time.sleep(0.05)
+        if i == 0:
+            raise ValueError("the first")
+
+    with pytest.raises(ValueError, match="the first"):
+        in_parallel(fail, range(20))
+    assert len(began) < 20

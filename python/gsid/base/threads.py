@@ -32,7 +32,9 @@ def n_threads(n_jobs: int) -> int:
     return max(1, min(most, n_jobs))
 
 
-def in_parallel(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+def in_parallel(
+    function: Callable[[Job], Result], jobs: Sequence[Job], size: Callable[[Job], float] | None = None
+) -> list[Result]:
     """Results of a function for each job, in the order of the jobs.
 
     The jobs have to spend most of their time in C code that releases the interpreter's lock, and must not
@@ -42,9 +44,17 @@ def in_parallel(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[
     ----------
     function : callable
     jobs : sequence
+    size : callable, optional
+        How long a job takes beside the others: the longest start first, so that none is left over at the end.
     """
     n = n_threads(len(jobs))
     if n == 1:
         return [function(job) for job in jobs]
+    started = range(len(jobs)) if size is None else sorted(range(len(jobs)), key=lambda i: -size(jobs[i]))
     with ThreadPoolExecutor(n) as pool:
-        return list(pool.map(function, jobs))
+        running = {i: pool.submit(function, jobs[i]) for i in started}
+        try:
+            return [running[i].result() for i in range(len(jobs))]
+        finally:  # after an exception: those that wait do not start
+            for one in running.values():
+                one.cancel()

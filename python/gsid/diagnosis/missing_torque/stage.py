@@ -19,6 +19,7 @@ from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
 from gsid.diagnosis.missing_torque.free_functions import FreeFunction, beside
 from gsid.diagnosis.missing_torque.kept_out import keep_out
+from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits, LinearFit, fit_linear_part, fit_nulls
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.other_start import Stack, lacks, with_values_of
@@ -472,7 +473,9 @@ def _refitted(
     problem: Problem, null: LinearFit, moved: list[Motion], chosen: list[Candidate], given: LinearPart
 ) -> list[Candidate]:
     """The candidates that were refitted before the deadline, and are the law that they are called."""
-    fits_in_time = in_parallel(lambda one: _refitted_in_time(problem, null, one, moved, given), chosen)
+    fits_in_time = in_parallel(
+        lambda one: _refitted_in_time(problem, null, one, moved, given), chosen, size=_n_shapes
+    )
     refitted = [one for one in chosen if one.fit is not None]
     if not refitted and not all(fits_in_time):
         problem.deadline.check()
@@ -486,6 +489,10 @@ def _refitted(
         if one not in stays:
             one.fit, one.kept = None, math.inf
     return stays
+
+
+def _n_shapes(one: Candidate) -> int:
+    return len(one.shape) if one.law is not None else -1
 
 
 def _refitted_in_time(
@@ -504,13 +511,14 @@ def _enlarged(
     problem: Problem, null: LinearFit, moved: list[Motion], best: Candidate, given: LinearPart
 ) -> list[Candidate]:
     """Rivals of the best law from outside the catalogue, refitted."""
-    found = []
     scan = Scan(problem, null, moved)
-    for law in catalogue.enlarged_laws(best.family):
+
+    def fitted(law: Law) -> Candidate:
         (one,) = scan_laws(scan, [law], {})
         refit(problem, null, one, moved, given)
-        found.append(one)
-    return found
+        return one
+
+    return in_parallel(fitted, catalogue.enlarged_laws(best.family))
 
 
 def _misfit(problem: Problem, null: LinearFit) -> Misfit:
