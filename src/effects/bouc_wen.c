@@ -16,12 +16,7 @@ static gsid_real limited(gsid_real x) {
     return x < -GROWTH_MAX ? -GROWTH_MAX : x;
 }
 
-/* (1 - exp(-x)) / x */
-static gsid_real mean_fade(gsid_real x) {
-    return x == 0 ? 1 : -gsid_expm1(-x) / x;
-}
-
-/* Its derivative, from the fade exp(-x) and its mean. */
+/* Derivative of the mean (1 - exp(-x)) / x of the fade exp(-x), from both. */
 static gsid_real mean_fade_slope(gsid_real x, gsid_real fade, gsid_real mean) {
     if (gsid_fabs(x) < SMALL) {
         return GSID_R(-0.5) + x * (GSID_R(1.0) / 3 - x * (GSID_R(0.125) - x / 30));
@@ -37,7 +32,8 @@ static gsid_real log_of_one_and(gsid_real x) {
 
 /* One rate: dz/dpath = 1 - rate z. */
 static branch one_rate(gsid_real start, gsid_real path, gsid_real rate, gsid_real *by_rate) {
-    const gsid_real x = limited(rate * path), fade = gsid_exp(-x), mean = mean_fade(x);
+    const gsid_real x = limited(rate * path), faded = -gsid_expm1(-x);
+    const gsid_real fade = 1 - faded, mean = x == 0 ? 1 : faded / x;
     branch b = {0};
     b.z = start * fade + path * mean;
     b.by_path = 1 - rate * b.z;

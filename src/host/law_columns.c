@@ -53,16 +53,24 @@ static gsid_torque law_at(const gsid_plant_item *item, const gsid_motion *now) {
     return answer;
 }
 
-static void without_memory(const gsid_plant_item *item, const gsid_law_motion *along, double *torque) {
+/* `slope` may be NULL. */
+static void without_memory(const gsid_plant_item *item, const gsid_law_motion *along, uint32_t by, double *torque,
+                           double *slope) {
     const gsid_effect *effect = item->effect;
     const double edge = effect->edge != NULL ? effect->edge(item) : 0;
     for (uint32_t i = 0; i < along->n; i++) {
         gsid_motion now = motion_at(along, i, edge);
-        torque[i] = law_at(item, &now).torque;
+        gsid_torque answer = law_at(item, &now);
         const double share = 0.5 * (1 - fabs(along->side[i])); /* of the other direction */
         if (effect->holding != NULL && share > 0) {
             now.side = -now.side;
-            torque[i] += share * (law_at(item, &now).torque - torque[i]);
+            const gsid_torque other = law_at(item, &now);
+            answer.torque += share * (other.torque - answer.torque);
+            answer.by_value[by] += share * (other.by_value[by] - answer.by_value[by]);
+        }
+        torque[i] = answer.torque;
+        if (slope != NULL) {
+            slope[i] = answer.by_value[by];
         }
     }
 }
@@ -161,10 +169,10 @@ static gsid_status remembered(const gsid_effect *effect, const void *data, const
     return GSID_OK;
 }
 
-/* ---- the two calls ---- */
+/* ---- the calls ---- */
 
-gsid_status gsid_law_torques(const gsid_effect *effect, const void *data, const gsid_law_motion *motion,
-                             uint32_t n_sets, const double *values, double *torque) {
+static gsid_status check(const gsid_effect *effect, const gsid_law_motion *motion, uint32_t n_sets,
+                         const double *values, const double *torque) {
     if (effect == NULL || motion == NULL || values == NULL || torque == NULL || motion->angle == NULL ||
         motion->rate == NULL || motion->side == NULL) {
         return GSID_E_NULL;
@@ -172,12 +180,41 @@ gsid_status gsid_law_torques(const gsid_effect *effect, const void *data, const 
     if (motion->n < 2 || !(motion->step_s > 0) || n_sets < 1 || effect->torque == NULL || effect->n_states > 0) {
         return GSID_E_CONFIG;
     }
+    return GSID_OK;
+}
+
+gsid_status gsid_law_torques(const gsid_effect *effect, const void *data, const gsid_law_motion *motion,
+                             uint32_t n_sets, const double *values, double *torque) {
+    const gsid_status status = check(effect, motion, n_sets, values, torque);
+    if (status != GSID_OK) {
+        return status;
+    }
     if (effect->has_memory) {
         return remembered(effect, data, motion, n_sets, values, torque);
     }
     for (uint32_t k = 0; k < n_sets; k++) {
         const gsid_plant_item item = item_of(effect, data, values + (size_t)k * GSID_EFFECT_PARAMETERS_MAX);
-        without_memory(&item, motion, torque + (size_t)k * motion->n);
+        without_memory(&item, motion, 0, torque + (size_t)k * motion->n, NULL);
+    }
+    return GSID_OK;
+}
+
+gsid_status gsid_law_torques_and_slopes(const gsid_effect *effect, const void *data, const gsid_law_motion *motion,
+                                        uint32_t n_sets, const double *values, uint32_t by, double *torque,
+                                        double *slope) {
+    const gsid_status status = check(effect, motion, n_sets, values, torque);
+    if (status != GSID_OK) {
+        return status;
+    }
+    if (slope == NULL) {
+        return GSID_E_NULL;
+    }
+    if (effect->has_memory || by >= effect->n_parameters) {
+        return GSID_E_CONFIG;
+    }
+    for (uint32_t k = 0; k < n_sets; k++) {
+        const gsid_plant_item item = item_of(effect, data, values + (size_t)k * GSID_EFFECT_PARAMETERS_MAX);
+        without_memory(&item, motion, by, torque + (size_t)k * motion->n, slope + (size_t)k * motion->n);
     }
     return GSID_OK;
 }

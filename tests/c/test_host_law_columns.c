@@ -127,6 +127,28 @@ static void hard_stop_acts_beyond_its_edges(void **state) {
     }
 }
 
+/* level sin(cycles angle + phase), whose derivative by the phase is the torque a quarter of a turn on; of friction, which is a
+ * mean of two directions, the derivative by the level is the torque of level 1. */
+static void a_slope_is_the_derivative_by_one_value(void **state) {
+    (void)state;
+    const double cogging[2][P] = {{3.0, 80.0, 0.4}, {1.0, 200.0, 0.0}}, friction[P] = {2.5};
+    static double slope[2 * N];
+    const gsid_effect *effect = gsid_catalogue_find("motor_cogging");
+    assert_int_equal(gsid_law_torques_and_slopes(effect, NULL, &motion, 2, cogging[0], 2, out, slope), GSID_OK);
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < N; i++) {
+            const double at = cogging[k][1] * PI / 180 * angle[i] + cogging[k][2];
+            near(out[k * N + i], cogging[k][0] * sin(at), 1e-12);
+            near(slope[k * N + i], cogging[k][0] * cos(at), 1e-12);
+        }
+    }
+    effect = gsid_catalogue_find("coulomb_friction");
+    assert_int_equal(gsid_law_torques_and_slopes(effect, NULL, &motion, 1, friction, 0, out, slope), GSID_OK);
+    for (int i = 0; i < N; i++) {
+        near(2.5 * slope[i], out[i], 1e-12);
+    }
+}
+
 static void commands_of_several_sizes_are_mapped_at_once(void **state) {
     (void)state;
     const double u[] = {-3.0, -0.4, 0.0, 0.6, 2.0};
@@ -147,6 +169,10 @@ static void what_has_no_column_is_refused(void **state) {
     assert_int_equal(gsid_law_torques(backlash, NULL, &motion, 1, values, out), GSID_E_CONFIG);
     assert_int_equal(gsid_law_torques(spring, NULL, &motion, 1, values, out), GSID_E_CONFIG);
     assert_int_equal(gsid_law_torques(NULL, NULL, &motion, 1, values, out), GSID_E_NULL);
+    const gsid_effect *memory = gsid_catalogue_find("bouc_wen"), *cogging = gsid_catalogue_find("motor_cogging");
+    assert_int_equal(gsid_law_torques_and_slopes(memory, NULL, &motion, 1, values, 0, out, out + N), GSID_E_CONFIG);
+    assert_int_equal(gsid_law_torques_and_slopes(cogging, NULL, &motion, 1, values, 3, out, out + N), GSID_E_CONFIG);
+    assert_int_equal(gsid_law_torques_and_slopes(cogging, NULL, &motion, 1, values, 0, out, NULL), GSID_E_NULL);
     assert_int_equal(gsid_law_commands(spring, NULL, N, rate, 1, values, out), GSID_E_CONFIG);
     assert_int_equal(gsid_law_commands(spring, NULL, N, NULL, 1, values, out), GSID_E_NULL);
     assert_int_equal(gsid_law_side(0, step_s, rate, acceleration, side), GSID_E_CONFIG);
@@ -172,6 +198,7 @@ int main(void) {
         cmocka_unit_test_setup(presliding_repeats_and_follows_its_closed_form_between_reversals, swinging),
         cmocka_unit_test_setup(bouc_wen_contains_dahl_and_follows_its_equation, swinging),
         cmocka_unit_test_setup(hard_stop_acts_beyond_its_edges, swinging),
+        cmocka_unit_test_setup(a_slope_is_the_derivative_by_one_value, swinging),
         cmocka_unit_test(commands_of_several_sizes_are_mapped_at_once),
         cmocka_unit_test_setup(what_has_no_column_is_refused, swinging),
         cmocka_unit_test(an_axis_at_rest_has_no_presliding_torque),

@@ -11,9 +11,9 @@ from gsid.diagnosis.missing_torque import catalogue as laws_of
 from gsid.diagnosis.missing_torque import linear_fit, stage
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
 from gsid.diagnosis.missing_torque.kept_out import keep_out
-from gsid.diagnosis.missing_torque.law_columns import Law, dissipated
+from gsid.diagnosis.missing_torque.law_columns import Law, dissipated, torques, unit_torques
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_null
-from gsid.diagnosis.missing_torque.motion import motions
+from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, scan_laws
 from gsid.diagnosis.missing_torque.refit import refit
@@ -123,6 +123,19 @@ def test_the_coefficients_of_a_phase_are_its_level_and_angle():
     in_phase, quadrature = law.unit_values(np.array([50.0]))
     assert in_phase[:3] == pytest.approx([1, 50, 0])
     assert quadrature[:3] == pytest.approx([1, 50, np.pi / 2])
+
+
+@pytest.mark.parametrize("effect", ["motor_cogging", "mass_unbalance"])
+def test_the_column_of_a_quarter_of_a_turn_is_the_derivative_by_the_phase(effect):
+    law = laws_of.law(catalogue()[effect])
+    rng = np.random.default_rng(5)
+    angle = rng.normal(size=400)
+    motion = Motion(1e-3, angle, rng.normal(size=400), np.sign(rng.normal(size=400)), np.zeros(400), 0.0)
+    shapes = np.array([[30.0], [90.0]]) if law.shapes else np.zeros((2, 0))
+    found = unit_torques(law, shapes, motion, np.pi / 180)
+    for columns, shape in zip(found, shapes, strict=True):
+        want = torques(law, law.unit_values(shape), motion, np.pi / 180)
+        np.testing.assert_allclose(columns, want, atol=1e-13)
 
 
 def test_every_law_of_the_catalogue_has_a_family_and_every_enlarged_law_can_be_read():

@@ -38,6 +38,14 @@ gsid_status gsid_law_side(uint32_t n, double step_s, const double *rate, const d
 gsid_status gsid_law_torques(const gsid_effect *effect, const void *data, const gsid_law_motion *motion,
                              uint32_t n_sets, const double *values, double *torque);
 
+/** The same with the derivative by one of the values, of a law without memory: both cost little more than one.
+ *  @param[in]  by     number of the value
+ *  @param[out] slope  [n_sets][n] derivative of the torque by it
+ *  @return as gsid_law_torques; GSID_E_CONFIG also for a law with memory, or without such a value */
+gsid_status gsid_law_torques_and_slopes(const gsid_effect *effect, const void *data, const gsid_law_motion *motion,
+                                        uint32_t n_sets, const double *values, uint32_t by, double *torque,
+                                        double *slope);
+
 /** Static map of a command for one or several sets of values.
  *  @param[in]  effect  with a command map
  *  @param[in]  u       [n]

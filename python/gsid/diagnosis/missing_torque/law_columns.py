@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.fft import rfft
@@ -168,26 +169,56 @@ def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.
     radians : float
         In a unit of angle.
     """
-    n, values = len(motion.angle), np.ascontiguousarray(values, float)
-    out = np.empty((len(values), n))
-    keep = [ffi.from_buffer("double[]", x) for x in (motion.angle, motion.rate, motion.side)]
-    along = ffi.new(
-        "gsid_law_motion *",
-        {"n": n, "step_s": motion.step_s, "unit_rad": radians}
-        | dict(zip(("angle", "rate", "side"), keep, strict=True)),
-    )
-    status = lib.gsid_law_torques(
-        law.effect.c,
-        law.effect.data,
-        along,
-        len(values),
-        ffi.from_buffer("double[]", values),
-        ffi.from_buffer("double[]", out),
+    values = np.ascontiguousarray(values, float)
+    out = np.empty((len(values), len(motion.angle)))
+    along, _kept = _along(motion, radians)
+    arrays = [ffi.from_buffer("double[]", x) for x in (values, out)]
+    status = lib.gsid_law_torques(law.effect.c, law.effect.data, along, len(values), *arrays)
+    check(status, f"torque of {law.name}")
+    return _limited(out)
+
+
+def unit_torques(law: Law, shapes: np.ndarray, motion: Motion, radians: float) -> np.ndarray:
+    """Torque of each column of a law for unit coefficients, (shapes, columns of a record, n).
+
+    That of a quarter of a turn is the derivative by the phase: both come from one sine.
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (s, d) ndarray
+    motion : Motion
+    radians : float
+        In a unit of angle.
+    """
+    values = np.stack([law.unit_values(shape) for shape in shapes])
+    n_sets, n = len(shapes), len(motion.angle)
+    if law.phase is None:
+        return torques(law, np.concatenate(values), motion, radians).reshape(n_sets, -1, n)
+    in_phase = np.ascontiguousarray(values[:, 0])
+    out, slope = np.empty((n_sets, n)), np.empty((n_sets, n))
+    along, _kept = _along(motion, radians)
+    arrays = [ffi.from_buffer("double[]", x) for x in (in_phase, out, slope)]
+    by = law.effect.parameters.index(law.phase)
+    status = lib.gsid_law_torques_and_slopes(
+        law.effect.c, law.effect.data, along, n_sets, arrays[0], by, *arrays[1:]
     )
     check(status, f"torque of {law.name}")
-    if out.min() >= -ENDLESS and out.max() <= ENDLESS:  # not so with a NaN
-        return out
-    return np.clip(np.nan_to_num(out, copy=False), -ENDLESS, ENDLESS, out=out)
+    slope *= quarter_turn(law.phase) / (math.pi / 2)
+    return np.stack([_limited(out), _limited(slope)], axis=1)
+
+
+def _along(motion: Motion, radians: float) -> tuple[Any, list[Any]]:
+    """A motion for the C library, and what has to live as long."""
+    keep = [ffi.from_buffer("double[]", x) for x in (motion.angle, motion.rate, motion.side)]
+    sizes = {"n": len(motion.angle), "step_s": motion.step_s, "unit_rad": radians}
+    return ffi.new("gsid_law_motion *", sizes | dict(zip(("angle", "rate", "side"), keep, strict=True))), keep
+
+
+def _limited(torque: np.ndarray) -> np.ndarray:
+    if torque.min() >= -ENDLESS and torque.max() <= ENDLESS:  # not so with a NaN
+        return torque
+    return np.clip(np.nan_to_num(torque, copy=False), -ENDLESS, ENDLESS, out=torque)
 
 
 def dissipated(law: Law, shapes: np.ndarray, motion: Motion, radians: float) -> np.ndarray:
@@ -216,12 +247,10 @@ def torque_lines(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence
     problem : Problem
     moved : sequence of Motion
     """
-    values = np.concatenate([law.unit_values(shape) for shape in shapes])
     found = []
     for i, (r, motion) in enumerate(zip(problem.records, moved, strict=True)):
         problem.deadline.check()
-        lines = motion.lines(torques(law, values, motion, problem.radians), r.line)
-        lines = lines.reshape(len(shapes), -1, len(r.line))
+        lines = motion.lines(unit_torques(law, shapes, motion, problem.radians), r.line)
         if law.own_phases:
             own = np.zeros((len(shapes), law.n_columns, len(r.line)), complex)
             own[:, 2 * i : 2 * i + 2] = lines

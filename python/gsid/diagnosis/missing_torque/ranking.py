@@ -204,7 +204,9 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
         The quantities that grids are relative to.
     """
     error = scan.freed(scan.fit.error)
-    scanned = in_parallel(lambda law: _best_of_grid(scan, law, scales, error), laws)
+    scanned = in_parallel(
+        lambda law: _best_of_grid(scan, law, scales, error), laws, size=lambda law: len(law.points(scales))
+    )
     found = [one for one in scanned if one is not None]
     most = max((one.gain for one in found), default=0.0)
     close = [one for one in found if one.gain >= scan.problem.settings.refined_share * most]
@@ -290,8 +292,9 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
         whole = np.zeros(r.spectra.period_samples // 2 + 1, complex)
         whole[r.line] = wanted.conj()
         asked = np.fft.irfft(whole, r.spectra.period_samples)
+        without = r.command @ asked
         for some in np.array_split(np.arange(len(steps)), max(len(steps) // TOGETHER, 1)):
-            total[some] += (mapped(law, steps[some], r.command) - r.command) @ asked
+            total[some] += mapped(law, steps[some], r.command) @ asked - without
     likeness = -total / steps[:, 0]
     return np.sort(steps[np.argsort(likeness)[-n_kept:]], axis=0)
 
