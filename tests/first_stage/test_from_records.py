@@ -18,6 +18,7 @@ from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.effects.types import catalogue
+from gsid.plant.model import PlantModel
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -217,11 +218,12 @@ def hard_trial(seed, index, effect):
     """Records of a hard trial with this effect, and its truth."""
     trial = hard.make_hard(seed, index, "single")
     assert [one["id"] for one in trial.key["effects"]] == [effect]
-    records = [
-        Record(u, y, study.trials.FS_HZ, study.trials.N, 0, hold="zoh", y_unit="deg/s")
-        for u, y in trial.records
-    ]
-    return records, trial.key["truth"]
+    return records_of(trial), trial.key["truth"]
+
+
+def records_of(trial):
+    made = {"fs_hz": study.trials.FS_HZ, "period_samples": study.trials.N, "settle_samples": 0}
+    return [Record(u, y, **made, hold="zoh", y_unit="deg/s") for u, y in trial.records]
 
 
 def test_bug_a_cubic_spring_with_an_offset_was_called_cogging():
@@ -239,6 +241,47 @@ def test_bug_a_rounding_was_lost_behind_a_sharp_resonance():
     found = gsid.diagnose_records(records, fast=True)
     assert found.ranking[0].effects == ("drive_quantization",)
     assert found.ranking[0].params["step"] == pytest.approx(truth["quantization_step"], rel=0.005)
+
+
+def ringing_trial():
+    """A spring whose resonance at 1.003 Hz is 0.005 Hz wide, in records of 16 s with a line at 1 Hz."""
+    trial = hard.make_hard(105011, 30, "single")
+    assert [one["id"] for one in trial.key["effects"]] == ["viscous_friction"]
+    return trial, records_of(trial)
+
+
+def test_bug_noise_that_rings_longer_than_the_records_was_called_an_unknown_effect():
+    """93 % of the misfit of the right structure was on that line, which no record excites (105011, 30)."""
+    _, records = ringing_trial()
+    found = gsid.diagnose_records(records)
+    print(found)
+    assert found.verdict == "adequate"
+    assert [text for text in found.notes if text.startswith("The line at 1 Hz is left out")]
+
+
+def test_bug_a_missing_damping_was_unknown_where_noise_rings_longer_than_the_records():
+    """The model has no damping at all: the width of the resonance is that of the linear structure."""
+    trial, records = ringing_trial()
+    model = PlantModel.from_dict(trial.models[0.05], "null")
+    assert "viscous_friction" not in model.stack()
+    found = gsid.diagnose_records(records, model, time_s=300.0)
+    print(found)
+    assert (found.verdict, found.effects) == ("missing_effect", ("viscous_friction",))
+    true = trial.key["truth"]["viscous_rate"]
+    assert found.model["viscous_friction.rate"].value == pytest.approx(true, rel=0.1)
+
+
+def test_a_resonance_without_damping_in_the_model_alone_leaves_no_line_out():
+    """The damping that the model lacks makes the resonance wide."""
+    trial = hard.make_hard(105015, 25, "single")
+    assert [one["id"] for one in trial.key["effects"]] == ["viscous_friction"]
+    model = PlantModel.from_dict(trial.models[0.05], "null")
+    assert "viscous_friction" not in model.stack()
+    assert "cable_spring" in model.stack()
+    found = gsid.diagnose_records(records_of(trial), model, fast=True)
+    print(found)
+    assert found.effects == ("viscous_friction",)
+    assert not [text for text in found.notes if "left out" in text]
 
 
 def test_bug_a_spring_far_below_the_lowest_line_did_not_grow():

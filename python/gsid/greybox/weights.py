@@ -109,6 +109,8 @@ def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) 
         band = (0.0 if has_common_zero(model) else f_excited[0], f_excited[-1])
     use = in_band(s.f_hz, band)
     use &= 2 * s.line < s.period_samples
+    if s.left_out is not None:
+        use &= ~s.left_out
     if model.output == "angle" and not model.looks_at_angle:
         use[0] = False  # the zero of the angle is arbitrary
     if not np.any(use):

@@ -46,6 +46,8 @@ class Spectra:
     digest : str
         Hash of the output samples of the record, including the settling; it identifies the measurement. Empty
         if there is no record.
+    left_out : (K,) bool or None
+        Lines whose noise is unknown (`gsid.spectrum.ringing`): no fit of a plant uses them.
     """
 
     fs_hz: float
@@ -62,6 +64,7 @@ class Spectra:
     name: str = ""
     turn: float = 0.0
     digest: str = ""
+    left_out: np.ndarray | None = None
 
     @property
     def f_hz(self) -> np.ndarray:

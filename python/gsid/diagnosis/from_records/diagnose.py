@@ -24,6 +24,7 @@ from gsid.diagnosis.from_records.hold_check import check_hold
 from gsid.diagnosis.from_records.larger_laws import add_larger_laws
 from gsid.diagnosis.from_records.mend_structure import mend_structure
 from gsid.diagnosis.from_records.result import Diagnosis
+from gsid.diagnosis.from_records.ringing_lines import leave_out_ringing_lines
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import ALPHA, Run
 from gsid.diagnosis.from_records.seek_play import seek_play
@@ -116,6 +117,8 @@ def diagnose_records(
             find_structure(run, records, model, output, reference)
             if run.stack is not None:
                 draw_up(run)
+                if leave_out_ringing_lines(run):
+                    draw_up(run)
                 if not fast:
                     confirm(run)
                     seek_stop(run)

@@ -23,6 +23,9 @@ class DecisionSettings:
         Without a given model play is tried: it leaves 7 times the power of noise where the load is light.
     less_left : float
         Largest share of this cost that the best law leaves beside the other stack.
+    ringing : float
+        Noise of a line over that between the lines, if all of it excites a resonance of the axis, above which
+        the line is left out. Below it, such a line adds at most this to the cost of some hundred lines.
     loop_error : float
         Largest rms of the command that a controller found from reference and output leaves, over its rms:
         more is another controller.
@@ -161,6 +164,7 @@ class DecisionSettings:
     merged_cost: float = 10.0
     much_left: float = 3.0
     less_left: float = 0.5
+    ringing: float = 4.0
     loop_error: float = 0.02
     corner: float = 0.5
     lag_share: float = 0.5

@@ -1,0 +1,97 @@
+"""Lines on which noise rings with a resonance of the axis for longer than the record: they are left out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from gsid.base.deadline import OutOfTime
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.missing_torque.problem import linear_part_of
+from gsid.spectrum.ringing import noise_ratio
+from gsid.spectrum.spectra import Spectra
+from gsid.structure.start import start
+
+SLOWEST = 1e-9  # decay of a resonance without damping, in 1/s
+
+Stack = Mapping[str, Mapping[str, float]]
+
+
+def leave_out_ringing_lines(run: Run) -> bool:
+    """Leave out lines whose noise FRF-6 does not show, where the draft leaves more than noise.
+
+    A linear part that lacks damping has too sharp a resonance: what counts is that of the linear structure.
+
+    Parameters
+    ----------
+    run : Run
+        With its draft.
+
+    Returns
+    -------
+    bool
+        Whether a line was left out, so that the draft has to be made again.
+    """
+    if run.loop is not None or run.stack.has_controller or run.draft.stage.conclusion.kind == "none":
+        return False
+    if not any(_ringing(one, run.draft.stage.linear, run.settings.ringing).any() for one in run.measured):
+        return False
+    stack = _structure(run)
+    masks = [_ringing(one, stack, run.settings.ringing) for one in run.measured]
+    if not any(mask.any() for mask in masks):
+        return False
+    run.measured, run.judged = (
+        [replace(one, left_out=mask) for one, mask in zip(records, masks, strict=True)]
+        for records in (run.measured, run.judged)
+    )
+    run.known_fits = {}
+    run.notes.append(_note(run.measured))
+    return True
+
+
+def _note(measured: list[Spectra]) -> str:
+    f_hz = sorted({float(f) for one in measured for f in one.f_hz[one.left_out]})
+    where = ", ".join(f"{f:.4g}" for f in f_hz)
+    lines = f"The line at {where} Hz is" if len(f_hz) == 1 else f"The lines at {where} Hz are"
+    why = "noise rings there with a resonance of the axis for longer than a record, and its size is unknown"
+    return f"{lines} left out: {why}."
+
+
+def _structure(run: Run) -> Stack:
+    """The linear structure that the data show; empty where there is none."""
+    found = run.start
+    if found is None:
+        try:
+            found = start(run.measured, output=run.stack.output, band=run.band, deadline=run.deadline)
+        except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+            return {}
+    return found.effects if found.has_model else {}
+
+
+def _ringing(one: Spectra, stack: Stack, most: float) -> np.ndarray:
+    """Lines on which the noise may be more than so many times that between the lines, (K,) bool."""
+    found = np.zeros(len(one.line), bool)
+    for f_hz, decay_per_s in _resonances(stack):
+        near = np.flatnonzero(np.abs(one.f_hz - f_hz) < one.f_hz[1])
+        found[near] |= noise_ratio(one, near, f_hz, max(decay_per_s, SLOWEST)) > most
+    return found
+
+
+def _resonances(stack: Stack) -> Iterator[tuple[float, float]]:
+    """Frequency [Hz] and decay [1/s] of the sprung body and of each mode."""
+    stiffness = damping = 0.0
+    for label, params in stack.items():
+        kind = linear_part_of(label).linear_part
+        first = next(iter(params.values()), 0.0)
+        if kind == "spring":
+            stiffness += first
+        elif kind == "damping":
+            damping += first
+        elif kind == "mode":
+            yield params["f_hz"], 2 * math.pi * params["f_hz"] * params["zeta"]
+    if stiffness > 0 and 0.5 * damping < math.sqrt(stiffness):
+        yield math.sqrt(stiffness) / (2 * math.pi), 0.5 * damping
