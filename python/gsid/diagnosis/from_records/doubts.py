@@ -18,8 +18,8 @@ from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
-from gsid.plant.effect import Effect, Param
-from gsid.structure.settings import StructureSettings
+from gsid.plant.effect import Param
+from gsid.plant.model import PlantModel
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
@@ -169,16 +169,37 @@ def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
     fit : PlantFit
     settings : DecisionSettings
     """
-    modes = [one for one in fit.model.effects if one.type.linear_part == "mode"]
-    return sum(_is_resonance(one, fit.band_hz, settings) for one in modes)
+    modes = [label for label, one in fit.model.labels() if one.type.linear_part == "mode"]
+    return sum(_is_resonance(fit, label, settings) for label in modes)
 
 
-def _is_resonance(mode: Effect, band_hz: tuple[float, float], settings: DecisionSettings) -> bool:
-    f_hz, zeta, residue = (mode.params[name] for name in ("f_hz", "zeta", "residue"))
+def _is_resonance(fit: PlantFit, mode: str, settings: DecisionSettings) -> bool:
+    f_hz, zeta, residue = (fit.model[f"{mode}.{name}"] for name in ("f_hz", "zeta", "residue"))
     std_hz = _std(f_hz)
-    in_band = band_hz[0] <= f_hz.value - std_hz and f_hz.value + std_hz <= band_hz[1]
-    has_peak = zeta.value <= StructureSettings().zeta_max
-    return in_band and has_peak and abs(residue.value) >= settings.significant * _std(residue)
+    in_band = fit.band_hz[0] <= f_hz.value - std_hz and f_hz.value + std_hz <= fit.band_hz[1]
+    has_peak = zeta.value < settings.zeta_of_mode
+    std = _std(residue)
+    if std_hz <= min(one.spectra.f_hz[1] for one in fit.records):
+        std = min(std, _std_at_its_width(fit.model, mode))
+    return in_band and has_peak and abs(residue.value) >= settings.significant * std
+
+
+def _std_at_its_width(model: PlantModel, mode: str) -> float:
+    """Standard deviation of the residue if frequency and damping of the mode were known; infinite if unknown.
+
+    Of a resonance between the lines only its power shows, residue and width do not. Where two modes cancel
+    each other, the residue has no other value with its width known.
+    """
+    names = [f"{mode}.{name}" for name in ("f_hz", "zeta", "residue")]
+    if model.covariance is None or not all(model[name].free for name in names):
+        return math.inf
+    own = [model.free_names.index(name) for name in names]
+    covariance = model.covariance[np.ix_(own, own)]
+    size = np.sqrt(np.diag(covariance))
+    if not np.all(np.isfinite(covariance)) or not np.all(size > 0):
+        return math.inf
+    inverse = np.linalg.pinv(covariance / np.outer(size, size), hermitian=True)
+    return float(size[2] / math.sqrt(max(inverse[2, 2], 1.0)))
 
 
 def _undetermined(fit: PlantFit, effect: str) -> dict[str, Param]:

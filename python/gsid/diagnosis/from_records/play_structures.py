@@ -62,7 +62,7 @@ def _free_modes(model: PlantModel) -> list[Effect]:
 
 
 def _sharp_modes(model: PlantModel, settings: DecisionSettings) -> list[Effect]:
-    return [one for one in _free_modes(model) if one.params["zeta"].value < settings.zeta_of_joint]
+    return [one for one in _free_modes(model) if one.params["zeta"].value < settings.zeta_of_mode]
 
 
 def _beside(modes: list[Effect], own: PlantModel, other: PlantModel) -> list[Effect]:

@@ -125,9 +125,9 @@ class DecisionSettings:
         Cost per degree of freedom of the linear part above which fewer periods are enough. Thirds of the
         lines are left out then; the periods only show how large the noise is, and the misfit is far above it.
         The same of the best law, above which play is tried though a joint does not improve the response.
-    zeta_of_joint : float
-        Damping ratio from which a mode of the linear structure may stand for a joint with play: the modes of
-        stiff structures have 0.003 to 0.05, those that stood for a joint 0.2 to 1.6.
+    zeta_of_mode : float
+        Damping ratio from which a mode may stand for something else: the modes of stiff structures have 0.003
+        to 0.05, those that stood for a joint with play 0.2 to 1.6, one that stood for a lag 0.3.
     nonlinear_share : float
         Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
         linear response: 33 right laws with small drops had 0.43 and more; Bouc-Wen friction in place of a
@@ -208,7 +208,7 @@ class DecisionSettings:
     nearest_scatter: float = 0.3
     periods_least: int = 6
     clear_misfit: float = 10.0
-    zeta_of_joint: float = 0.1
+    zeta_of_mode: float = 0.1
     nonlinear_share: float = 0.1
     far_structure: float = 7.0
     named_scatter: float = 0.06
