@@ -101,6 +101,45 @@ def test_bug_a_mode_beside_another_body_changed_its_response():
         assert values(stack, "flexible_mode")["residue"] == pytest.approx(0.2 / -0.5)
 
 
+def test_bug_two_slow_lags_were_no_sprung_axis():
+    """An axis damped more than critically is two lags, and the joint is the body (105011, single 19).
+
+    The response of the new body is the old one far below the joint, and that of the mode the same at its
+    resonance, both from closed forms.
+    """
+    lags = {"sensor_lag": {"time_constant_s": 0.3}, "motor_lag": {"time_constant_s": 0.25}}
+    before = with_modes(
+        model(BODY, VISCOUS, JOINT, *({k: v} for k, v in lags.items())), mode(90.0, zeta=0.01)
+    )
+    first, *_ = structures_for_play(before, before, F_LO, DEFAULTS)
+    assert {e.id for e in first.effects} >= {"rigid_body", "cable_spring", "flexible_mode"}
+    stiffness = values(first, "cable_spring")["stiffness"]
+    assert stiffness == pytest.approx(1 / (0.3 * 0.25))
+    assert values(first, "viscous_friction")["rate"] == pytest.approx(1 / 0.3 + 1 / 0.25)
+
+    def by_lags(f_hz):
+        return np.prod(
+            [1 / (1 + 2j * np.pi * f_hz * lag["time_constant_s"]) for lag in lags.values()], axis=0
+        )
+
+    f_hz = np.array([0.05, 0.5, 1.0])
+    body = response(BODY["rigid_body"]["gain"], 0.0, 6e4, f_hz) * by_lags(f_hz)
+    gain = values(first, "rigid_body")["gain"]
+    np.testing.assert_allclose(
+        response(gain, values(first, "viscous_friction")["rate"], stiffness, f_hz), body, rtol=2e-3
+    )
+    residue, own = values(first, "flexible_mode")["residue"], mode(90.0)["flexible_mode"]["residue"]
+    turned_mode = BODY["rigid_body"]["gain"] * own * by_lags(np.array([90.0]))[0]
+    assert gain * residue == pytest.approx(turned_mode.real, rel=1e-3)
+
+
+@pytest.mark.parametrize("lags", [("sensor_lag",), ("sensor_lag", "motor_lag")])
+def test_lags_above_the_resonance_of_the_body_stay_lags(lags):
+    before = model(BODY, VISCOUS, JOINT, *({lag: {"time_constant_s": 1e-3}} for lag in lags))
+    first, *_ = structures_for_play(before, before, F_LO, DEFAULTS)
+    assert values(first, "cable_spring") == JOINT["cable_spring"]
+
+
 def response(gain, rate, stiffness, f_hz):
     s = 2j * np.pi * f_hz
     return gain * s / (s**2 + rate * s + stiffness)
@@ -379,6 +418,7 @@ def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
         (99013, 17, None),  # a mode of the start stood beside the same resonance of the fitted body
         (99012, 31, 30),  # the fit of the model without play had lost its mode
         (101012, 23, None),  # a mode the other way round, behind a delay that is longer by half its period
+        (105011, 19, None),  # an axis damped more than critically was two lags, and the joint the body
         (99015, 20, 5),  # the restarts from one record ended with the work, one before the last
     ],
 )

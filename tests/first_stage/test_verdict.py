@@ -225,7 +225,13 @@ LIMITS = {
         {"scatter": 0.24, "scatter_error": 0.1},
         "missing_effect",
     ),
-    "convergence": ({"converged": False}, "unknown_effect", {"converged": True}, "missing_effect"),
+    "convergence": ({"converged": False}, "nearest_effect", {"converged": True}, "missing_effect"),
+    "no convergence, and a rival that leaves 6 times as much": (
+        {"converged": False, "per_dof": 10.9},
+        "unknown_effect",
+        {"converged": False, "per_dof": 10.7},
+        "nearest_effect",
+    ),
     "a stalled fit that leaves more than noise": (
         {"converged": False, "stalled": True},
         "nearest_effect",

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from gsid.diagnosis.from_records.canonical import (
     BODY,
+    DAMPING,
     LAGS,
     MODE,
     SPRING,
@@ -15,10 +16,11 @@ from gsid.diagnosis.from_records.canonical import (
     with_mode_as_body,
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.plant.effect import Effect
+from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 
 OWN_MODE = 2.0  # times the resonance of a body: a mode of another structure below that is this body
+TINY_S = 1e-12  # a lag that is none
 RESIDUE_LEAST = 1e-4  # of a mode that may be the body: a smaller share of the gain is not in the records
 
 
@@ -43,7 +45,7 @@ def structures_for_play(
         the sharp modes of `found` beside its body; if there are none, with its own. In the others modes above
         the band are left out, and then the mode with the largest damping.
     """
-    fitted, swapped = (_with_one_lag(_lowest_as_body(one)) for one in (fitted, found))
+    fitted, swapped = (_with_one_lag(_lowest_as_body(_lags_as_body(one))) for one in (fitted, found))
     sharp = _sharp_modes(swapped, settings)
     if SPRING not in found.stack():  # then its sprung body is one of its modes
         sharp = [mode for mode in sharp if mode.params["f_hz"].value > OWN_MODE * _resonance_hz(fitted)]
@@ -84,6 +86,38 @@ def _lowest_as_body(model: PlantModel) -> PlantModel:
     lowest = min(modes, key=lambda mode: mode.params["f_hz"].value)
     is_body = lowest.params["f_hz"].value < _resonance_hz(model)
     return with_mode_as_body(model, lowest) if is_body else model
+
+
+def _lags_as_body(model: PlantModel) -> PlantModel:
+    """The model with two slow lags as the sprung body, if their corner lies below the resonance of the body.
+
+    A sprung axis that is damped more than critically has two real poles, and the body is then the joint. The
+    modes keep their response at their resonance, where the lags have turned it by half a turn.
+    """
+    stack = model.stack()
+    lags = [stack[effect] for effect in LAGS if effect in stack]
+    if SPRING not in stack or len(lags) < len(LAGS):
+        return model
+    rates = [1 / max(lag["time_constant_s"], TINY_S) for lag in lags]
+    if not math.prod(rates) < (2 * math.pi * _resonance_hz(model)) ** 2:
+        return model
+    gain = stack[BODY]["gain"] / stack[SPRING]["stiffness"] * math.prod(rates)
+    of_body = {
+        BODY: {"gain": gain},
+        DAMPING: {"rate": sum(rates)},
+        SPRING: {"stiffness": math.prod(rates)},
+    }
+    effects = [
+        Effect(label, {name: Param(value) for name, value in params.items()})
+        for label, params in of_body.items()
+    ]
+    for other in (e for e in model.effects if e.id not in (*of_body, *LAGS)):
+        if other.id == MODE:
+            w0 = 2 * math.pi * other.params["f_hz"].value
+            by_lags = -math.prod(rates) / w0**2
+            other = beside_body(other, gain / (stack[BODY]["gain"] * by_lags))
+        effects.append(other)
+    return replace(model, effects=effects)
 
 
 def _resonance_hz(model: PlantModel) -> float:
