@@ -135,6 +135,11 @@ RESONANCES = {
         0,
     ),
     "with a residue that may be zero": (mode(159.7, residue=0.26, stds=(7.1, 0.024, 2.0)), 0),
+    "with a residue that may be zero, and a width that is known (5315, missing mode 94)": (
+        mode(151.6, 0.0515, residue=-0.50, stds=(0.2, 0.0015, 0.22)),
+        1,
+    ),
+    "the same with a width that is not known": (mode(151.6, 0.0515, -0.50, stds=(0.2, 0.018, 0.22)), 0),
     "with a negative residue": (mode(residue=-0.3), 1),
     "without a standard deviation": (mode(stds=(0.1, 0.001, float("nan"))), 0),
     "fixed": (mode(stds=(None, None, None), free=False), 1),
@@ -179,6 +184,13 @@ def test_bug_a_mode_above_the_band_was_named_where_a_lag_is_missing():
         doubts(null, fit([0] * 8, [0] * 8, modes=[mode(60.0), mode(132.7)]), "flexible_mode", DEFAULTS) == []
     )
     assert doubts(null, moved, "sensor_lag", DEFAULTS) == []
+
+
+def test_bug_a_mode_whose_damping_may_be_zero_was_another_law():
+    """0.0026 +- 0.0054, narrower than the distance of the lines: still a mode (5315, missing mode 95)."""
+    narrow = mode(2.72, 0.0026, -0.0054, stds=(0.01, 0.0054, 0.0005))
+    before, after = fit([10] * 8, [10] * 8), fit([0] * 8, [0] * 8, modes=[narrow])
+    assert doubts(before, after, "flexible_mode", DEFAULTS) == []
 
 
 @pytest.mark.parametrize(("std", "n_doubts"), [(2400.0, 1), (1230.0, 1), (1229.0, 0), (float("nan"), 1)])

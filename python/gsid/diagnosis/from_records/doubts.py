@@ -174,14 +174,15 @@ def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
 
 
 def _is_resonance(fit: PlantFit, mode: str, settings: DecisionSettings) -> bool:
+    """Whether a mode is a peak in the band. Frequency and width of a mode that is none are not determined."""
     f_hz, zeta, residue = (fit.model[f"{mode}.{name}"] for name in ("f_hz", "zeta", "residue"))
-    std_hz = _std(f_hz)
+    std_hz, size = _std(f_hz), abs(residue.value)
     in_band = fit.band_hz[0] <= f_hz.value - std_hz and f_hz.value + std_hz <= fit.band_hz[1]
-    has_peak = zeta.value < settings.zeta_of_mode
-    std = _std(residue)
-    if std_hz <= min(one.spectra.f_hz[1] for one in fit.records):
-        std = min(std, _std_at_its_width(fit.model, mode))
-    return in_band and has_peak and abs(residue.value) >= settings.significant * std
+    shown = size >= settings.significant * _std(residue)
+    if std_hz <= min(one.spectra.f_hz[1] for one in fit.records) and math.isfinite(_std(residue)):
+        shown = shown or zeta.value >= settings.significant * _std(zeta)
+        shown = shown or size >= settings.significant * _std_at_its_width(fit.model, mode)
+    return in_band and zeta.value < settings.zeta_of_mode and shown
 
 
 def _std_at_its_width(model: PlantModel, mode: str) -> float:
@@ -203,9 +204,12 @@ def _std_at_its_width(model: PlantModel, mode: str) -> float:
 
 
 def _undetermined(fit: PlantFit, effect: str) -> dict[str, Param]:
-    """Positive parameters of a law of many shapes that are within a standard deviation of zero."""
+    """Positive parameters of a law of many shapes that are within a standard deviation of zero.
+
+    A mode without damping is a mode all the same.
+    """
     kind = find(effect)
-    if len(kind.parameters) < MANY_SHAPES:
+    if len(kind.parameters) < MANY_SHAPES or kind.linear_part == "mode":
         return {}
     (params,) = [one.params for label, one in fit.model.labels() if label == label_of(fit.model, effect)]
     positive = {f"{effect}.{name}": param for name, param in params.items() if kind[name].lower >= 0}

@@ -132,7 +132,7 @@ def _take(run: Run, model: PlantModel) -> None:
         hint = 'mark what the records may change, such as the gain of rigid_body, with "free": true'
         raise InputError("the given model has no free parameter", "", None, hint)
     run.given = model
-    model = with_mode_limits(model, run.measured, run.band)
+    model = with_mode_limits(model)
     run.stack, run.judged = linear_only(model), run.measured
     run.hold_assumed = run.hold_assumed and not model.has_controller
     laws = [effect for effect in model.effects if not is_of_linear_part(effect)]

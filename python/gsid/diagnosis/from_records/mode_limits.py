@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
-from gsid.spectrum.spectra import Spectra
 from gsid.structure.settings import StructureSettings
 
 Limits = tuple[float, float]
+FARTHEST = 2.0  # share of its frequency within which a mode is the same: values may be 30 % off
 
 
-def with_mode_limits(
-    model: PlantModel, measured: Sequence[Spectra], band: Limits | None = None
-) -> PlantModel:
-    """A model whose modes stay resonances, in the band or near their frequency.
+def with_mode_limits(model: PlantModel) -> PlantModel:
+    """A model whose modes stay resonances near their frequency.
 
     Without such limits the mode of a model takes the place of a spring, a damping, a lag or a delay that is
-    missing: with a large damping it is nearly any of them. Limits that the model itself has stay.
+    missing: at a low frequency it is the sprung body, with a large damping nearly any of them. Limits that
+    the model itself has stay.
 
     Parameters
     ----------
     model : PlantModel
-    measured : sequence of Spectra
-    band : (lo, hi), optional
-        Hz; default that of the excited lines.
     """
-    if band is None:
-        f_hz = [one.f_hz[one.excited] for one in measured]
-        band = min(float(f.min()) for f in f_hz), max(float(f.max()) for f in f_hz)
-    effects = [_limited(one, band) if one.type.linear_part == "mode" else one for one in model.effects]
+    effects = [_limited(one) if one.type.linear_part == "mode" else one for one in model.effects]
     return replace(model, effects=effects)
 
 
@@ -58,12 +49,12 @@ def with_limits_of(model: PlantModel | None, given: PlantModel) -> PlantModel | 
     return replace(model, effects=effects)
 
 
-def _limited(mode: Effect, band: Limits) -> Effect:
-    f_hz, zeta = (mode.params[name] for name in ("f_hz", "zeta"))
-    spread, largest = DEFAULTS.mode_spread, StructureSettings().zeta_max
-    lowest, highest = DEFAULTS.mode_lowest * band[0], band[1]
-    places = min(lowest, f_hz.value / spread), max(highest, f_hz.value * spread)
-    limits = {"f_hz": places, "zeta": (mode.type["zeta"].lower, max(largest, zeta.value * spread))}
+def _limited(mode: Effect) -> Effect:
+    f_hz, zeta = (mode.params[name].value for name in ("f_hz", "zeta"))
+    limits = {
+        "f_hz": (f_hz / FARTHEST, f_hz * FARTHEST),
+        "zeta": (mode.type["zeta"].lower, max(StructureSettings().zeta_max, zeta * FARTHEST)),
+    }
     params = {name: _with_limits(param, limits.get(name)) for name, param in mode.params.items()}
     return replace(mode, params=params)
 
