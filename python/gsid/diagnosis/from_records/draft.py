@@ -82,7 +82,7 @@ def draft(
     how |= {"along": along, "known": {} if known is None else known}
     stage = first_stage(measured, model, **how)
     by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
-    if not from_data and by_effects and _is_doubtful(stage, settings) and not deadline.is_over:
+    if not from_data and by_effects and _is_doubtful(stage, model, settings) and not deadline.is_over:
         how["values"] = _values_from_data(measured, model, band, on_step, deadline)
     if how.get("values") is not None:
         with in_time():
@@ -105,19 +105,30 @@ def draft(
     return Draft(with_stack(model, own), stage, added)
 
 
-def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:
+def _is_doubtful(stage: FirstStage, model: PlantModel, settings: DecisionSettings) -> bool:
     """Whether the linear part may be in a wrong minimum: more than noise is left, or was left without a mode.
 
     Beside a linear part in a wrong minimum a law of the angle may explain most, but it leaves much. A mode
-    may take the place of one that has moved to where another linear effect is missing.
+    may take the place of one that has moved to where another linear effect is missing; so may each linear
+    effect beside values far from the given ones, and a mode that is damped like a body.
     """
     best = stage.ranking[0]
     if stage.conclusion.kind == "none":
         return False
-    if find(best.effects[0]).linear_part == "mode" and stage.cost_per_dof > settings.much_left:
+    is_mode = find(best.effects[0]).linear_part == "mode"
+    if is_mode and (stage.cost_per_dof > settings.much_left or best.params["zeta"] >= settings.zeta_of_mode):
+        return True
+    if is_linear(best.effects[0]) and _has_strayed(best.linear, model, settings.strayed):
         return True
     is_law = stage.conclusion.kind == "named" and not is_linear(best.effects[0])
     return best.cost_per_dof > (settings.much_left if is_law else settings.adequate)
+
+
+def _has_strayed(stack: dict[str, dict[str, float]], model: PlantModel, most: float) -> bool:
+    """Whether a fit is more than a factor away from a given value of the model, or has another sign."""
+    given = [(label, name, param.value) for label, e in model.labels() for name, param in e.params.items()]
+    ratios = [stack[label][name] / value for label, name, value in given if value and label in stack]
+    return any(not 1 / most < ratio < most for ratio in ratios)
 
 
 def _values_from_data(

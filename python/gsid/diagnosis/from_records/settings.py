@@ -11,6 +11,9 @@ class DecisionSettings:
 
     Attributes
     ----------
+    strayed : float
+        Factor between a given value and that of a fit with a missing linear effect from which the fit may be
+        in a wrong minimum: given values may be 30 % off, and one whose place was taken moves by far more.
     low_mode : float
         Modes below this many lowest lines are merged into a free or viscous body, or left out: a low mode of
         a fit that lacks a law is a spring, or the law itself.
@@ -160,6 +163,7 @@ class DecisionSettings:
         not decide.
     """
 
+    strayed: float = 3.0
     low_mode: float = 4.0
     merged_cost: float = 10.0
     much_left: float = 3.0

@@ -238,7 +238,7 @@ def first_stage(
     for each in _possible(nulls, settings, {*without, *(effect.id for effect in model.effects)}):
         with in_time(bool(found)):
             found.append(_fitted(*each, given, values, model, without, clock=clock, on_step=on_step))
-    by_noise = one = min(found, key=lambda each: each.best.kept)
+    by_noise = one = min(found, key=lambda each: each.best.fit.cost_per_dof)
     conclusion = UNDECIDED
     with in_time():
         free = beside(one.problem, one.null, one.best)
