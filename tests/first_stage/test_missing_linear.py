@@ -144,6 +144,9 @@ def test_bug_a_fit_in_a_wrong_minimum_hid_what_is_missing():
         ("named", "cable_spring", 1.05, {}, False),
         ("named", "cable_spring", 3.0, {}, True),
         ("named", "coulomb_friction", 3.0, {}, False),
+        ("named", "coulomb_friction", 3.1, {}, True),
+        ("nearest", "coulomb_friction", 1.16, {}, True),
+        ("nearest", "coulomb_friction", 1.14, {}, False),
         ("named", "flexible_mode", 1.05, {}, True),  # it was the one that had moved away
         ("named", "flexible_mode", 1.05, {"null": 1.2}, False),
         ("named", "flexible_mode", 1.05, {"null": 1.2, "zeta": 0.1}, True),  # 0.47, for a spring (5315, 8)

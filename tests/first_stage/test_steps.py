@@ -354,26 +354,6 @@ def test_a_low_mode_stays_if_the_stack_without_it_costs_ten_times_as_much(monkey
     assert ("flexible_mode" in run.stack.stack()) is kept
 
 
-@pytest.mark.parametrize(
-    ("kind", "effect", "cost", "doubtful"),
-    [
-        ("nearest", "coulomb_friction", 1.16, True),
-        ("nearest", "coulomb_friction", 1.14, False),
-        ("none", "coulomb_friction", 5.0, False),
-        ("named", "coulomb_friction", 2.9, False),
-        ("named", "coulomb_friction", 3.1, True),
-        ("named", "cable_spring", 5.0, True),
-        ("unknown", "cable_spring", 5.0, True),
-    ],
-)
-def test_the_linear_part_is_doubtful_where_much_is_left_and_no_torque_law_is_named(
-    kind, effect, cost, doubtful
-):
-    best = SimpleNamespace(effects=(effect,), cost_per_dof=cost)
-    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind), cost_per_dof=200.0)
-    assert drafting._is_doubtful(stage, DEFAULTS) is doubtful
-
-
 def test_a_missing_spring_and_damping_are_tried_at_corners_in_lowest_lines():
     lines = SimpleNamespace(f_hz=np.array([2.0, 4.0]))
     scan = SimpleNamespace(problem=SimpleNamespace(first=[lines], settings=SEARCH))
