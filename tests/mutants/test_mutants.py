@@ -177,11 +177,24 @@ def test_a_part_with_tests_of_its_own_is_judged_by_them():
 def test_the_page_has_each_mutant_that_was_not_found():
     one = {"file": "a.c", "line": 7, "before": "a || b", "after": "a && b", "key": "a.c: a || b => a && b"}
     found = [one | {"status": status} for status in ("killed", "survived", "uncovered")]
-    page = mutants_page.text({"core": found, "comparison": []}, 7, 200, "abc1234")
-    assert "| core | 3 | 1 | 2 | 6 % to 79 % |" in page  # Wilson
-    assert "| comparison | 0 | 0 | 0 |  |" in page
+    page = mutants_page.text("", {"core": found, "comparison": []}, 7, 200, "abc1234")
+    assert "| core | abc1234 | 3 | 1 | 2 | 6 % to 79 % |" in page  # Wilson
+    assert "| comparison | abc1234 | 0 | 0 | 0 |  |" in page
     assert "| a.c:7 | `a \\|\\| b` → `a && b` | not looked into yet |" in page
     assert "| a.c:7 | `a \\|\\| b` → `a && b` | no test executes the line |" in page
+
+
+def test_the_parts_that_were_not_judged_stay_as_they_are():
+    def survivor(before):
+        return {"file": "a.c", "line": 7, "before": before, "after": "", "key": "", "status": "survived"}
+
+    first = mutants_page.text("", {"core": [survivor("a;")], "greybox": [survivor("b;")]}, 7, 200, "abc1234")
+    page = mutants_page.text(first, {"core": []}, 7, 200, "def5678")
+    rows = [line for line in page.splitlines() if line.startswith(("| core", "| greybox"))]
+    assert rows == ["| core | def5678 | 0 | 0 | 0 |  |", "| greybox | abc1234 | 1 | 0 | 1 | 0 % to 79 % |"]
+    assert "`a;`" not in page and "`b;`" in page
+    assert page.index("## Core") < page.index("## Greybox")
+    assert mutants_page.text(page, {}, 7, 200, "0") == page
 
 
 def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
