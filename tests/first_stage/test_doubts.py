@@ -143,6 +143,7 @@ RESONANCES = {
     "with a negative residue": (mode(residue=-0.3), 1),
     "without a standard deviation": (mode(stds=(0.1, 0.001, float("nan"))), 0),
     "fixed": (mode(stds=(None, None, None), free=False), 1),
+    "fixed above it": (mode(190.5, stds=(None, None, None), free=False), 0),
 }
 
 

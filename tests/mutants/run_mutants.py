@@ -41,7 +41,21 @@ TARGETS = {
     "core": ["src/core/*.c"],
 }
 TESTS_OF = {  # of a part with tests of its own
-    "diagnosis": ["tests/first_stage", "tests/python/test_missing_torque.py"],
+    "diagnosis": [
+        "tests/first_stage",
+        *(
+            f"tests/python/test_{name}.py"
+            for name in (
+                "diagnose",
+                "diagnosis_limits",
+                "fingerprints",
+                "hold_check",
+                "missing_torque",
+                "ringing",
+                "rounds",
+            )
+        ),
+    ],
 }
 COUNTED = ("killed", "survived", "uncovered")  # not: "same" as the source, or "invalid"
 

@@ -1,0 +1,272 @@
+"""Choices of a diagnosis between fits, and what it does where a step finds nothing: each rule alone."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_play import with_modes
+from test_steps import BODY, DELAY, F_LO, LAG, SPRING, VISCOUS, mode, model
+
+from gsid.base.deadline import OutOfTime
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records import diagnose as diagnosing
+from gsid.diagnosis.from_records import fit_laws, mend_structure, other_structure, ringing_lines, summary
+from gsid.diagnosis.from_records.play_structures import structures_for_play
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
+from gsid.diagnosis.missing_torque import free_functions, ranking, refit, stage
+from gsid.diagnosis.missing_torque.law_columns import Law
+from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.diagnosis.missing_torque.problem import linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
+from gsid.effects.types import find
+
+WITHOUT_ANSWER = [
+    GsidError("no structure", "a record"),
+    InputError("no structure", "a record"),
+    OutOfTime("the time is over"),
+    np.linalg.LinAlgError("singular"),
+]
+
+
+def fails_with(error):
+    def step(*_, **__):
+        raise error
+
+    return step
+
+
+def named(error):
+    return type(error).__name__
+
+
+@pytest.mark.parametrize("error", WITHOUT_ANSWER, ids=named)
+def test_the_structure_stays_where_no_other_is_found_beside_the_law(monkeypatch, error):
+    monkeypatch.setattr(mend_structure, "without_laws", lambda *_: [])
+    monkeypatch.setattr(mend_structure, "start", fails_with(error))
+    final, found = SimpleNamespace(model=model(BODY, VISCOUS)), SimpleNamespace(output="rate")
+    facts = {"measured": [], "deadline": None, "band": None, "on_step": lambda _: None}
+    run = SimpleNamespace(final=final, start=found, **facts)
+    assert not mend_structure._mended(run)
+    assert (run.final, run.start) == (final, found)
+
+
+@pytest.mark.parametrize("error", WITHOUT_ANSWER, ids=named)
+def test_without_a_structure_no_line_is_left_out(monkeypatch, error):
+    monkeypatch.setattr(ringing_lines, "start", fails_with(error))
+    facts = {"measured": [], "deadline": None, "band": None, "stack": model(BODY, VISCOUS)}
+    assert ringing_lines._structure(SimpleNamespace(start=None, **facts)) == {}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "named", "fitted", "adequate", "after"),
+    [
+        (MISSING, "gear_backlash", "gear_backlash", False, NEAREST),
+        (MISSING, "gear_backlash", "gear_backlash", True, MISSING),
+        (MISSING, "coulomb_friction", "coulomb_friction", False, MISSING),
+        (MISSING, "gear_backlash", "coulomb_friction", False, MISSING),
+        (UNKNOWN, "gear_backlash", "gear_backlash", False, UNKNOWN),
+    ],
+)
+def test_a_law_with_a_structure_of_its_own_needs_a_fit_that_leaves_noise(
+    verdict, named, fitted, adequate, after
+):
+    found = SimpleNamespace(effects=("gear_backlash",), cost=1.0)
+    run = SimpleNamespace(
+        laws=[],
+        decide=lambda: None,
+        decision=Decision(verdict, (named,), unexplained_share=0.2),
+        final=SimpleNamespace(effects=(fitted,)),
+        evidence=lambda: SimpleNamespace(is_adequate=lambda _: adequate),
+    )
+    other_structure.take(run, found, "gear_backlash")
+    assert run.decision.verdict == after
+    assert run.decision.effects == (named,)
+    assert run.decision.unexplained_share == 0.2
+
+
+@pytest.mark.parametrize(("known", "now", "kept"), [(2.0, 1.0, 1.0), (1.0, 2.0, 1.0)])
+def test_of_two_fits_of_a_law_the_better_one_stays(known, now, kept):
+    law = ("gear_backlash",)
+    before, other = SimpleNamespace(effects=law, cost=known), SimpleNamespace(effects=("bouc_wen",), cost=9.0)
+    decision = Decision(UNKNOWN, ())
+    run = SimpleNamespace(laws=[before, other], decide=lambda: None, decision=decision, final=None)
+    other_structure.take(run, SimpleNamespace(effects=law, cost=now), law[0])
+    assert sorted(one.cost for one in run.laws) == [kept, 9.0]
+
+
+def test_a_lag_of_zero_is_no_sprung_axis():
+    motor = {"motor_lag": {"time_constant_s": 0.0}}
+    stack = model(BODY, VISCOUS, SPRING, LAG, motor, DELAY)
+    *_, last = structures_for_play(stack, stack, F_LO, DEFAULTS)
+    assert last.stack()["cable_spring"] == SPRING["cable_spring"]
+
+
+@pytest.mark.parametrize(
+    ("null", "by", "confirmed"), [(None, "first stage", False), (1.3, "simulation", True)]
+)
+def test_the_entry_without_an_effect_tells_how_its_cost_was_found(null, by, confirmed):
+    simulated = null and SimpleNamespace(fit=SimpleNamespace(cost_per_dof=null))
+    draft = SimpleNamespace(stage=SimpleNamespace(ranking=[], cost_per_dof=1.7))
+    run = SimpleNamespace(draft=draft, laws=[], null=simulated, decision=Decision(ADEQUATE, ()))
+    (none,) = summary._ranking(run)
+    assert (none.effects, none.cost_per_dof_after, none.confirmed) == ((), null or 1.7, confirmed)
+    assert none.by == by
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_the_error_of_a_model_is_weighed_only_where_one_law_is_shown(monkeypatch, n):
+    """Beside two laws the larger laws of each are shown, and no free function of either."""
+    weighed, enlarged = [], []
+    steps = ("find_structure", "draw_up", "confirm", "seek_stop", "seek_play", "mend_structure", "check_hold")
+    for step in (*steps, "check_series"):
+        monkeypatch.setattr(diagnosing, step, lambda *_: None)
+    monkeypatch.setattr(diagnosing, "leave_out_ringing_lines", lambda _: False)
+    monkeypatch.setattr(diagnosing, "weigh_model_error", weighed.append)
+    monkeypatch.setattr(diagnosing, "add_larger_laws", enlarged.append)
+    monkeypatch.setattr(diagnosing, "summarised", lambda run, rounds: run)
+    monkeypatch.setattr(
+        diagnosing, "Run", lambda *_: SimpleNamespace(stack="a stack", draft="a draft", interrupted=False)
+    )
+    effects = [f"effect {i}" for i in range(n)]
+    monkeypatch.setattr(diagnosing, "Rounds", lambda _: SimpleNamespace(run=lambda: None, effects=effects))
+    diagnosing.diagnose_records([], model(BODY, VISCOUS))
+    assert weighed == (effects if n == 1 else [])
+    assert enlarged == effects
+
+
+@pytest.mark.parametrize(("share", "is_body"), [(0.9, True), (1.1, False)])
+def test_a_mode_below_the_resonance_of_the_body_is_the_sprung_axis(share, is_body):
+    """The closed form of the resonance: the root of the stiffness over 2 pi."""
+    f_hz = share * np.sqrt(6e4) / (2 * np.pi)
+    stack = with_modes(model(BODY, VISCOUS, {"cable_spring": {"stiffness": 6e4}}), mode(f_hz))
+    first, *_ = structures_for_play(stack, stack, F_LO, DEFAULTS)
+    stiffness = (2 * np.pi * f_hz) ** 2 if is_body else 6e4
+    assert first.stack()["cable_spring"]["stiffness"] == pytest.approx(stiffness)
+
+
+@pytest.mark.parametrize("f_lo_hz", [0.5, 20.0])
+def test_a_missing_mode_is_searched_from_four_times_the_lowest_line(monkeypatch, f_lo_hz):
+    effect, scales = find("flexible_mode"), {"f_hi": 400.0}
+    grid = effect["f_hz"].grid
+    scale = scales.setdefault(grid.of, 400.0)
+    searched = []
+
+    class Modes:
+        def __init__(self, *_):
+            pass
+
+        def best(self, frequencies, zeta):
+            searched.append(frequencies)
+            return SimpleNamespace(gain=1.0 if zeta == 0.02 else 0.5, f_hz=100.0, residue=0.3)
+
+    monkeypatch.setattr(ranking, "ModeScan", Modes)
+    problem = SimpleNamespace(first=[SimpleNamespace(f_hz=np.array([f_lo_hz]))], settings=SEARCH)
+    fit = SimpleNamespace(part=linear_part(model(BODY, VISCOUS)), error=None)
+    best = ranking._mode_candidate(SimpleNamespace(problem=problem, fit=fit, q=None), effect, scales)
+    lowest, highest = min(4.0 * f_lo_hz, grid.first * scale), grid.last * scale
+    for frequencies in searched:
+        assert (frequencies[0], frequencies[-1]) == pytest.approx((lowest, highest))
+    assert best.gain == 1.0
+    assert best.start.stack["flexible_mode"] == {"f_hz": 100.0, "zeta": 0.02, "residue": 0.3}
+    assert best.start.lower[-3:-1] == pytest.approx([lowest, 0.2 * 0.005])
+    assert best.start.upper[-3] == pytest.approx(highest)
+
+
+@pytest.mark.parametrize("level", [2.0, -2.0, 0.0])
+def test_dry_friction_holds_a_standing_axis_up_to_its_level(level):
+    """Where the rate is below its noise the friction is the drive, at most its level (Karnopp 1985)."""
+    rate = np.array([0.0, 0.01, -0.01, 0.3, -0.3])
+    drive = np.array([1.0, 5.0, -1.5, 1.0, 1.0])
+    motion = Motion(1e-3, np.zeros(5), rate, np.sign(rate), drive, rate_std=0.02)
+    problem = SimpleNamespace(settings=SEARCH, radians=np.pi / 180)
+    law = Law(find("coulomb_friction"), "dry friction", "")
+    moved = refit.stuck(problem, law, np.zeros(0), np.array([level]), motion)
+    held = np.clip(drive[:3] / 2.0, -1.0, 1.0) if level else np.zeros(3)
+    assert moved.side == pytest.approx([*held, 1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("gain", "strayed"),
+    [(10.0, False), (15.9, False), (16.1, True), (6.3, False), (6.2, True), (-10.0, True)],
+)
+def test_a_fit_has_strayed_from_its_given_values_by_more_than_a_factor(gain, strayed):
+    given = linear_part(model(BODY, {"viscous_friction": {"rate": 0.0}}))
+    now = linear_part(model({"rigid_body": {"gain": gain}}, VISCOUS))
+    assert refit._has_strayed(now, given, 1.6) is strayed
+
+
+def test_a_third_mode_has_a_name_of_its_own():
+    part = linear_part(with_modes(model(BODY, VISCOUS), mode(50.0), mode(90.0)))
+    values = {"f_hz": 120.0, "zeta": 0.01, "residue": 0.1}
+    assert ranking._enlarged(part, find("flexible_mode"), values).stack["flexible_mode#3"] == values
+
+
+def test_a_shift_of_the_mean_angle_is_a_derivative_by_it(monkeypatch):
+    """The derivative of a cubic torque by the angle in closed form."""
+    monkeypatch.setattr(free_functions, "torque_columns", lambda problem, part, lines: lines)
+    line = np.arange(1, 9)
+    t = np.arange(256) / 256
+    angles = [5.0 + np.sin(2 * np.pi * t), -2.0 + 3.0 * np.sin(2 * np.pi * t)]
+    moved = [Motion(1e-3, x, np.gradient(x), np.sign(np.gradient(x)), 0.0 * x, 0.0) for x in angles]
+    records = [SimpleNamespace(line=line)] * 2
+    problem = SimpleNamespace(output_angle=False, records=records, radians=np.pi / 180, n_rows=32)
+    law = Law(find("cubic_spring"), "position", "")
+    best = SimpleNamespace(law=law, shape=np.zeros(0), coefficients=[0.7], fit=SimpleNamespace(part=None))
+    columns = free_functions._of_mean_angles(problem, best, moved)
+    for i, motion in enumerate(moved):
+        expected = motion.lines(3 * 0.7 * motion.angle**2, line)
+        np.testing.assert_allclose(columns[i][i], expected, atol=1e-4 * np.abs(expected).max())
+        assert not np.any(columns[i][1 - i])
+
+
+def test_a_held_sensor_has_no_rival_and_no_scatter():
+    part = SimpleNamespace(stack={"rigid_body": {"gain": 10.0}, "sensor_sample_hold": {"rate_hz": 400.0}})
+    held = SimpleNamespace(part=part, cost=30.0, cost_per_dof=1.1)
+    one = stage._ranked_hold(SimpleNamespace(cost=100.0), held, SimpleNamespace(share=lambda kept: kept), 0.9)
+    assert (one.effects, one.params) == (("sensor_sample_hold",), {"rate_hz": 400.0})
+    assert (one.share_kept_out, one.margin, one.scatter, one.drop) == (0.9, np.inf, 0.0, 70.0)
+
+
+@pytest.mark.parametrize(
+    ("laws", "tried"), [(["gear_backlash", "bouc_wen", "coulomb_friction"], "bouc_wen"), ([], None)]
+)
+def test_the_best_other_law_is_fitted_beside_a_new_structure(monkeypatch, laws, tried):
+    listed = [SimpleNamespace(effect=law, model=f"with {law}") for law in ["sensor_lag", *laws]]
+    monkeypatch.setattr(other_structure, "draft", lambda *_, **__: None)
+    monkeypatch.setattr(other_structure, "short_list", lambda *_: listed)
+    asked, taken = [], []
+    monkeypatch.setattr(other_structure, "take", lambda run, rival, law: taken.append((rival, law)))
+    fits = SimpleNamespace(
+        fit=lambda model, effects, least: asked.append((model, effects, least)) or "a rival"
+    )
+    facts = {
+        "band": None,
+        "without": (),
+        "settings": DEFAULTS,
+        "judged": [],
+        "pruned": None,
+        "deadline": None,
+    }
+    found = SimpleNamespace(effects=("gear_backlash",), cost=5.0)
+    other_structure.add_rival(SimpleNamespace(on_step=None, **facts), fits, None, found)
+    assert asked == ([(f"with {tried}", (tried,), 5.0)] if tried else [])
+    assert taken == ([("a rival", "gear_backlash")] if tried else [])
+
+
+@pytest.mark.parametrize("fitted", [None, "a fit"])
+def test_play_that_was_fitted_is_one_of_the_laws(monkeypatch, fitted):
+    monkeypatch.setattr(fit_laws, "may_have_play", lambda _: True)
+    decided = []
+    null = SimpleNamespace(model=None, fit=None)
+    fits = SimpleNamespace(fit_play=lambda *_: fitted, not_tried={"bouc_wen": "the time"})
+    run = SimpleNamespace(
+        without=(), null=null, laws=[], given=None, not_tried={}, tried=set(), timed=lambda _: nullcontext(),
+        simulations=lambda: fits, decide=lambda: decided.append(True),
+    )  # fmt: skip
+    fit_laws.fit_play(run)
+    assert run.laws == ([fitted] if fitted else [])
+    assert len(decided) == len(run.laws)
+    assert run.tried == {"gear_backlash"}
+    assert run.not_tried == {"bouc_wen": "the time"}
