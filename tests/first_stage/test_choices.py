@@ -1,6 +1,7 @@
 """Choices of a diagnosis between fits, and what it does where a step finds nothing: each rule alone."""
 
 from contextlib import nullcontext
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,14 +12,22 @@ from test_steps import BODY, DELAY, F_LO, LAG, SPRING, VISCOUS, mode, model
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records import diagnose as diagnosing
-from gsid.diagnosis.from_records import fit_laws, mend_structure, other_structure, ringing_lines, summary
+from gsid.diagnosis.from_records import (
+    find_structure,
+    fit_laws,
+    mend_structure,
+    other_structure,
+    ringing_lines,
+    summary,
+)
 from gsid.diagnosis.from_records.play_structures import structures_for_play
+from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
-from gsid.diagnosis.missing_torque import free_functions, ranking, refit, stage
+from gsid.diagnosis.missing_torque import free_functions, linear_fit, ranking, refit, stage
 from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.motion import Motion
-from gsid.diagnosis.missing_torque.problem import linear_part
+from gsid.diagnosis.missing_torque.problem import linear_part, torque_power
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
 from gsid.effects.types import find
 
@@ -28,6 +37,14 @@ WITHOUT_ANSWER = [
     OutOfTime("the time is over"),
     np.linalg.LinAlgError("singular"),
 ]
+
+
+@dataclass
+class Fit:
+    """A fit by simulation."""
+
+    effects: tuple
+    cost: float
 
 
 def fails_with(error):
@@ -270,3 +287,70 @@ def test_play_that_was_fitted_is_one_of_the_laws(monkeypatch, fitted):
     assert len(decided) == len(run.laws)
     assert run.tried == {"gear_backlash"}
     assert run.not_tried == {"bouc_wen": "the time"}
+
+
+def test_two_shapes_end_where_the_law_explains_most():
+    """A gain with its maximum at a known place, in a bracket whose sides have the ratio of 1 to 400."""
+    best = np.array([0.31, 170.0])
+    bracket = np.array([[0.0, 1.0], [100.0, 500.0]])
+
+    def gain(x):
+        return 50.0 - 20.0 * (x[0] - best[0]) ** 2 - 2e-4 * (x[1] - best[1]) ** 2
+
+    first = np.array([0.5, 300.0])
+    shape, most = ranking._simplex(gain, bracket, (first, gain(first)), SEARCH.shape_steps)
+    assert shape / [1.0, 400.0] == pytest.approx(best / [1.0, 400.0], abs=0.05)
+    assert most == pytest.approx(gain(shape))
+
+
+def test_other_springs_begin_at_the_lowest_line_of_the_first_record():
+    part = linear_part(model(BODY, VISCOUS, SPRING))
+    records = [SimpleNamespace(f_hz=np.array([2.0, 4.0])), SimpleNamespace(f_hz=np.array([0.5, 1.0]))]
+    sprung = linear_fit._sprung(part, SimpleNamespace(first=records, settings=SEARCH))
+    corners = [2 * np.pi * 2.0 * share for share in SEARCH.corners]
+    assert [one.stack["cable_spring"]["stiffness"] for one in sprung] == pytest.approx(np.square(corners))
+    assert all(one.stack["viscous_friction"] == VISCOUS["viscous_friction"] for one in sprung)
+
+
+def test_the_harmonics_beside_a_periodic_law_are_half_and_twice_to_five_times_its_own():
+    angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    lines = np.fft.rfft(free_functions._waves(angle, 4.0)) * 2 / len(angle)
+    found = [(int(np.argmax(abs(one))), complex(np.round(one[np.argmax(abs(one))], 9))) for one in lines]
+    assert found == [(n, part) for n in (2, 8, 12, 16, 20) for part in (1 + 0j, -1j)]
+
+
+def test_the_power_of_a_torque_beside_no_noise():
+    """6 = power x 2 on each line."""
+    power = torque_power(np.full(9, 6.0), np.zeros(9), np.full(9, 2.0))
+    assert power == pytest.approx(3.0, rel=1e-3)
+    assert torque_power(np.full(9, 6.0), np.full(9, 6.1), np.full(9, 2.0)) == 0.0
+    assert torque_power(np.full(9, 6.0), np.full(9, 4.0), np.full(9, 2.0)) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("laws", [[], ["coulomb_friction"]])
+def test_only_a_given_model_with_a_law_is_fitted_by_simulation_first(monkeypatch, laws):
+    plant = model(BODY, VISCOUS)
+    plant["rigid_body.gain"].free = True
+    for law in laws:
+        plant = plant.with_effect(law, {"level": 1.0})
+    fitted = SimpleNamespace(model="fitted", hold="zoh", hold_assumed=False)
+    monkeypatch.setattr(find_structure, "fit_plant", lambda *_, **__: fitted)
+    monkeypatch.setattr(find_structure, "linear_start", lambda given, measured: given)
+    monkeypatch.setattr(find_structure, "require_motion", lambda _: None)
+    kept = []
+    facts = {"measured": [], "hold_assumed": False, "band": None, "deadline": None, "on_step": lambda _: None}
+    run = SimpleNamespace(keep=kept.append, **facts)
+    find_structure._take(run, plant)
+    assert kept == (["fitted"] if laws else [])
+    assert set(run.stack.stack()) == {"rigid_body", "viscous_friction"}
+    assert run.given is plant
+
+
+def test_the_fit_without_a_dropped_effect_is_that_of_the_last_one_kept():
+    each = [SimpleNamespace(final=SimpleNamespace(effects=(name,))) for name in ("a", "b", "c")]
+    rounds = SimpleNamespace(kept=each, near=["d"], joint="a fit")
+    final = Fit(("none",), 7.0)
+    Rounds.drop(rounds, each[2:], final)
+    assert (rounds.kept, rounds.near, rounds.joint) == (each[:2], [], None)
+    assert each[1].final == Fit(("b",), 7.0)
+    assert each[0].final.effects == ("a",)
