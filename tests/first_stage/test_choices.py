@@ -17,6 +17,7 @@ from gsid.diagnosis.from_records import (
     fit_laws,
     mend_structure,
     other_structure,
+    result,
     ringing_lines,
     summary,
 )
@@ -354,3 +355,26 @@ def test_the_fit_without_a_dropped_effect_is_that_of_the_last_one_kept():
     assert (rounds.kept, rounds.near, rounds.joint) == (each[:2], [], None)
     assert each[1].final == Fit(("b",), 7.0)
     assert each[0].final.effects == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0.0%"), (1.0, "100.0%"), (0.9999, "99.99%"), (0.0002, "0.02%"), (-0.1, "< 0%"), (0.413, "41.3%")],
+)
+def test_a_share_becomes_0_or_100_percent_only_if_it_is(share, text):
+    assert result._percent(share) == text
+
+
+def test_the_price_of_a_free_function_is_its_drop_over_the_noise_that_it_leaves(monkeypatch):
+    """Two orthogonal columns beside one known: 9 + 16 of 125 drop, and 100 are left of 20 numbers."""
+    n = 20
+    unit = np.eye(n)
+    error = 3 * unit[1] + 4 * unit[2] + 10 * unit[3]
+    monkeypatch.setattr(free_functions, "_of_command", lambda *_: unit[:, 1:3])
+    fit = SimpleNamespace(jacobian=unit[:, :1], error=error)
+    law = SimpleNamespace(is_command=True)
+    best = SimpleNamespace(law=law, fit=fit, cost=float(error @ error), family="dead zone")
+    (found,) = free_functions.beside(SimpleNamespace(n_rows=n), SimpleNamespace(cost=500.0), best)
+    noise = n + 2 * np.sqrt(2 * n)
+    assert found.price == pytest.approx(25 / ((125 - 25) / n) / (2 * np.log(n)))
+    assert (found.share, found.of_misfit) == pytest.approx((25 / (125 - noise), 25 / (500 - noise)))

@@ -181,3 +181,16 @@ def test_bug_a_stop_was_lost_with_a_linear_part_that_could_not_be_simulated(perc
     given = percent and PlantModel.from_dict(trial.models[percent / 100], "given")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+
+
+@pytest.mark.parametrize(("near", "widened"), [(0.0, 0.0), (0.05, 0.05), (0.15, 0.1), (0.3, 0.2), (0.7, 0.4)])
+def test_a_stop_that_the_axis_may_not_reach_is_the_narrowest_near_the_record(monkeypatch, near, widened):
+    """Edges from -2 to 2: a simulation is near the record if its upper edge lies far enough out."""
+
+    def distance(stopped, *_):
+        return 1.0 if stopped["hard_stop.angle_deg"].value >= 2.0 + near else 2.1
+
+    monkeypatch.setattr(stop_edges, "_distance", distance)
+    edges = Edges(low=-2.0, high=2.0, stiffness=1e6, mean_torque=-1.0, record=0, left=0.0)
+    start = nearest_start(model(BODY, VISCOUS), edges, [None], None)
+    assert start["hard_stop.angle_deg"].value == pytest.approx(2.0 + widened * 4.0 / 2)
