@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from entries import PLANT_VERBS, Entry, read_by
 from hostile_corpus import corpus
-from hostile_runs import SECONDS, faults, key, load, run_corpus, table
+from hostile_runs import faults, key, load, run_corpus, table
 from sound_files import catalogue_plant, plant
 
 RUNS = Path(__file__).with_name("hostile_runs.py")
@@ -77,6 +77,9 @@ def test_the_corpus_depends_on_its_seed_alone(entries):
     assert not [entry.name for entry in entries if not entry.commands]
 
 
+MOST = 12.0  # of the quickest command, which only reads and writes the model: the bug was 40 of it
+
+
 @pytest.mark.parametrize("model", [plant(), catalogue_plant()])
 def test_the_sound_models_are_quick(model):
     """A bug: adding an effect to the sound models took 14 s, so that bad ones near to them did too."""
@@ -95,7 +98,8 @@ def test_the_sound_models_are_quick(model):
     )
     results = pickle.loads(done.stdout)
     assert not [one for one in results if one["faults"]]
-    assert max(one["seconds"] for one in results) < SECONDS / 2
+    seconds = [one["seconds"] for one in results]
+    assert max(seconds) < MOST * min(seconds)
 
 
 def test_a_run_that_was_cut_goes_on(tmp_path, entries):

@@ -1,5 +1,6 @@
 """A diagnosis at its limits: no time left within a step, nothing to fit, nothing to look for."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,6 +100,15 @@ def test_bug_a_wrong_unit_stayed_in_the_records_of_a_closed_loop(record, monkeyp
     monkeypatch.setattr(finding, "_keep_resonances", lambda run: None)
     finding.find_structure(run, record, None, None, "r")
     assert [one.y_unit for one in (*run.measured, *run.by_reference)] == ["", ""]
+
+
+def test_bug_a_model_of_another_output_was_refused_after_half_a_minute(record):
+    """`gsid start --output angle` made the model of a record in deg/s."""
+    steps = []
+    rate = replace(record, y_unit="deg/s")
+    with pytest.raises(InputError, match="the record's unit is not the model's"):
+        gsid.diagnose_records(rate, plant(AXIS, output="angle"), on_step=steps.append)
+    assert [step.count("transforming the records") for step in steps] == [1]
 
 
 # ---- the steps after it -----------------------------------------------------------------------------

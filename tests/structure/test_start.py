@@ -190,6 +190,19 @@ def test_bug_an_output_against_its_unit_was_found_without_a_word():
     assert any(against in text for text in found.assumed), found.assumed
 
 
+@pytest.mark.parametrize(
+    ("unit", "is_told"), [("deg/s", True), ("deg", False), ("", False), ("counts", False)]
+)
+def test_bug_a_stated_output_against_its_unit_was_taken_without_a_word(unit, is_told):
+    """Later verbs refuse the record beside that model: the unit has to be corrected."""
+    rng = np.random.default_rng([SEED, 40])
+    axis = axes.drawn(rng, 0.0, "angle")
+    axis.modes = []
+    found = gsid.start(record(axis, rng, y_unit=unit), output="angle")
+    against = "y is the angle, as stated, against its unit deg/s (rate); --unit NAME=UNIT corrects it"
+    assert (against in found.assumed) is is_told
+
+
 @pytest.mark.parametrize("unit", ["", "deg/s"])
 @pytest.mark.parametrize("coulomb", [0.0, 0.2])
 def test_bug_rounding_decided_between_a_rate_and_an_angle(coulomb, unit):

@@ -514,6 +514,9 @@ def _assumed(
         texts.append("the structure is the best one so far: the time was over before the search ended")
     if represented and output is None:
         texts.append(_of_output(best.estimate.fitted.structure.output, measured.y_unit))
+    elif represented and kind_of_unit(measured.y_unit) not in (None, output):
+        unit = f"{measured.y_unit} ({kind_of_unit(measured.y_unit)})"
+        texts.append(f"y is the {output}, as stated, against its unit {unit}; --unit NAME=UNIT corrects it")
     if represented and not measured.y_unit:
         texts.append("y is in degrees, as no unit is stated; --unit NAME=UNIT states it")
     if measured.smooth_phases:

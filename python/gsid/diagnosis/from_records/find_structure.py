@@ -27,7 +27,7 @@ from gsid.greybox.fit import fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import has_common_zero
 from gsid.plant.model import PlantModel, check_plant
-from gsid.plant.units import TRAVELS
+from gsid.plant.units import TRAVELS, check_plant_units
 from gsid.records.record import Record
 from gsid.response.closed_loop import require_reference
 from gsid.spectrum.realisation import listed, require_different, spectra_of
@@ -128,6 +128,8 @@ def _keep_resonances(run: Run) -> None:
 def _take(run: Run, model: PlantModel) -> None:
     """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
     check_plant(model)
+    for one in run.measured:
+        check_plant_units(model, one)
     if not model.free_names:
         hint = 'mark what the records may change, such as the gain of rigid_body, with "free": true'
         raise InputError("the given model has no free parameter", "", None, hint)
