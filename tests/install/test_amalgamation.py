@@ -92,31 +92,44 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("used", PROGRAMS)
-@pytest.mark.parametrize("compiler", ["gcc", "arm"])
-def test_a_program_is_not_much_larger_than_with_the_library(two_files, tmp_path, compiler, used):
-    """Code and constants of the linked program, sections collected, in single precision."""
-    command = ("gcc",) if compiler == "gcc" else ("arm-none-eabi-gcc", *ARM)
+SMALL = (
+    "-std=c99",
+    "-Os",
+    "-ffp-contract=off",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-DGSID_SINGLE",
+)
+
+
+@pytest.fixture(scope="module", params=["gcc", "arm"])
+def objects(request, two_files, tmp_path_factory):
+    """The compiler, and the objects of the library and of the two files, compiled once for all programs."""
+    command = ("gcc",) if request.param == "gcc" else ("arm-none-eabi-gcc", *ARM)
     require(command[0])
-    small = (
-        "-std=c99",
-        "-Os",
-        "-ffp-contract=off",
-        "-ffunction-sections",
-        "-fdata-sections",
-        "-DGSID_SINGLE",
-    )
-    (tmp_path / "main.c").write_text(program(PROGRAMS[used]))
-    bytes_of = {}
+    folder = tmp_path_factory.mktemp("objects")
     sources = [path for layer in ("core", "effects") for path in (ROOT / "src" / layer).glob("*.c")]
-    for name, files in {"library": sources, "two files": [two_files / "gsid.c"], "none": []}.items():
-        main = tmp_path / "main.c"
-        if not files:
-            main = tmp_path / "empty.c"
-            main.write_text("int main(void) { for (;;) { } }\n")
+    objects_of = {"none": []}
+    for name, files in {"library": sources, "two files": [two_files / "gsid.c"]}.items():
+        objects_of[name] = [folder / f"{name}_{path.stem}.o".replace(" ", "_") for path in files]
+        for path, compiled in zip(files, objects_of[name], strict=True):
+            run(*command, *SMALL, f"-I{ROOT / 'include'}", "-c", "-o", compiled, path)
+    return request.param, (*command, *SMALL, f"-I{ROOT / 'include'}"), objects_of
+
+
+@pytest.mark.long
+@pytest.mark.xdist_group("objects")
+@pytest.mark.parametrize("used", PROGRAMS)
+def test_a_program_is_not_much_larger_than_with_the_library(objects, tmp_path, used):
+    """Code and constants of the linked program, sections collected, in single precision."""
+    compiler, command, objects_of = objects
+    (tmp_path / "main.c").write_text(program(PROGRAMS[used]))
+    (tmp_path / "empty.c").write_text("int main(void) { for (;;) { } }\n")
+    bytes_of = {}
+    for name, compiled in objects_of.items():
+        main = tmp_path / ("main.c" if compiled else "empty.c")
         elf = tmp_path / f"{name}.elf".replace(" ", "_")
-        run(*command, *small, f"-I{ROOT / 'include'}", "-Wl,--gc-sections", "-o", elf, main, *files, "-lm")
+        run(*command, "-Wl,--gc-sections", "-o", elf, main, *compiled, "-lm")
         text, data = run("size", elf).stdout.splitlines()[1].split()[:2]
         bytes_of[name] = int(text) + int(data)
     own = {name: size - bytes_of["none"] for name, size in bytes_of.items()}
