@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from gsid.models.confidence import complex_bound
 from gsid.plots.style import (
@@ -162,7 +162,7 @@ def ladder(ladder: Ladder) -> Figure:
     ax.set_ylim(0.75 * everything.min(), 1.6 * everything.max())
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=50))
     ax.yaxis.set_major_formatter(FuncFormatter(plain_number))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.yaxis.set_minor_locator(NullLocator())
     names = [plain_text(name.replace("_", "_\n", 1) if len(names) > 4 else name) for name in names]
     costs = [f"cost per d.o.f. {level['cost_per_dof']:.4g}" for level in levels]
     ax.set_xticks(range(len(levels)), [f"{name}\n{cost}" for name, cost in zip(names, costs, strict=True)])
