@@ -1,10 +1,12 @@
-"""What all tests share: one thread for small matrices, and programs that a test starts obey signals.
+"""What all tests share: one thread for small matrices, programs that obey signals, pages without drawings.
 
 With more threads they wait for each other: some tests take five times the processor time on busy cores.
 """
 
 import os
 import signal
+
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded
 
@@ -18,3 +20,14 @@ def _ignore_here_alone(number, frame):
 for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, _ignore_here_alone)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages without the lines of their pictures, which take most of the time: for tests of words."""
+    from gsid.report import pictures  # not before the folders' own conftest.py
+
+    def empty(_figure, prefix, label, kind):
+        return pictures.Markup('<svg id="{}" class="{}" aria-label="{}"></svg>').format(prefix, kind, label)
+
+    monkeypatch.setattr(pictures, "inline_svg", empty)

@@ -46,7 +46,7 @@ def files(plain_words):
     save("null.json")
 
 
-def test_an_expression(gsid):
+def test_an_expression(undrawn, gsid):
     law = ["--torque", "c*tanh(w/width)", "--param", "c=1", "--param", "width=0.1,0.02:10"]
     result = gsid("add", *law, "--model", "null.json", *RECORDS, "-o", "one.json", "--json")
     assert result.code == 0, result.err

@@ -17,7 +17,7 @@ def test_page_with_a_fit(gsid, rec_csv):
     assert "Adequate: " in text
 
 
-def test_the_order_is_chosen_on_request(gsid, rec_csv):
+def test_the_order_is_chosen_on_request(undrawn, gsid, rec_csv):
     """A bug: what `gsid fit` takes as an order, the report refused."""
     orders = json.loads(gsid("fit", rec_csv, "--order", "auto", "--json").out)["orders"]
     (chosen,) = (row["order"] for row in orders if row["chosen"])
@@ -27,7 +27,7 @@ def test_the_order_is_chosen_on_request(gsid, rec_csv):
     assert f"{chosen} in s" in Path("page.html").read_text(encoding="utf-8")
 
 
-def test_page_with_a_model_from_a_file(gsid, rec_csv):
+def test_page_with_a_model_from_a_file(undrawn, gsid, rec_csv):
     RationalModel([80.0], [1.0, 50.0]).save("model.json")
     result = gsid("report", rec_csv, "--model", "model.json", "--title", "A <lag>", "--json")
     assert result.code == 0
@@ -35,7 +35,7 @@ def test_page_with_a_model_from_a_file(gsid, rec_csv):
     assert "<h1>A &lt;lag&gt;</h1>" in Path("report.html").read_text(encoding="utf-8")
 
 
-def test_page_without_a_model(gsid, rec_csv):
+def test_page_without_a_model(undrawn, gsid, rec_csv):
     assert gsid("report", rec_csv, "--band", "10:150").code == 0
     assert "no model was fitted" in Path("report.html").read_text(encoding="utf-8")
 

@@ -174,7 +174,7 @@ def test_an_excitation_is_kept(gsid, study):
     assert "crest factor" in study.steps[0].words[0]
 
 
-def test_export_and_report_are_kept(gsid, study, tmp_path):
+def test_export_and_report_are_kept(undrawn, gsid, study, tmp_path):
     gsid("-C", "st", "fit", *FIT)
     assert gsid("-C", "st", "export-c", "--fs", "1000").code == 0
     assert study.steps[-1].outputs == ("models/2-export-c/model.c", "models/2-export-c/model.h")

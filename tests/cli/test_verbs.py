@@ -336,7 +336,7 @@ def test_closed_loop_through_the_reference(gsid, record):
     assert "did you mean ref?" in wrong.err
 
 
-def test_pieces_of_low_order(gsid, rec_csv):
+def test_pieces_of_low_order(undrawn, gsid, rec_csv):
     result = gsid("fit", rec_csv, "--order", "2/0", "--piecewise", "auto", "-o", "pieces.json")
     assert result.code == 0, result.err
     assert result.out.splitlines()[0].split() == ["pieces", "cost", "noise", "alone", "MDL"]

@@ -204,7 +204,7 @@ def test_headings_go_down_one_level_at_a_time(page):
     assert ("html", "lang", "en") in page.attributes
 
 
-def test_a_page_of_one_story_begins_with_its_answer(multisine):
+def test_a_page_of_one_story_begins_with_its_answer(undrawn, multisine):
     """A bug: the page began with its tables, and the verdict stood there twice."""
     record = simulate(multisine)
     measured, wrong = spectra(record), model(den=[1.0, 11.0, 250.0])
@@ -220,7 +220,7 @@ def test_a_page_of_one_story_begins_with_its_answer(multisine):
     assert "FIT " in rest
 
 
-def test_the_signal_is_that_of_the_record_that_is_predicted_worst(multisine):
+def test_the_signal_is_that_of_the_record_that_is_predicted_worst(undrawn, multisine):
     records = [simulate(multisine, name="good.csv"), simulate(multisine, name="bad.csv")]
     records[1].y *= 1.01
     page = Report("t").add_experiment("e", records, [spectra(r) for r in records], model=model())
@@ -233,7 +233,7 @@ def test_size(written):
     assert len(written) < 3_000_000
 
 
-def test_pictures_for_what_there_is(multisine):
+def test_pictures_for_what_there_is(undrawn, multisine):
     record = simulate(multisine)
     measured = frf(record)
     cases = [
@@ -247,7 +247,7 @@ def test_pictures_for_what_there_is(multisine):
         assert verdict in Page(Report("t").add_experiment("e", **given).html()).text
 
 
-def test_realisations_are_all_named(multisine):
+def test_realisations_are_all_named(undrawn, multisine):
     records = [simulate(multisine, name="one.csv"), simulate(multisine, name="two.csv")]
     records[1].y *= 1.01  # another realisation
     page = Report("t").add_experiment("e", records, [spectra(r) for r in records], frf(records))
@@ -256,7 +256,7 @@ def test_realisations_are_all_named(multisine):
     assert "Realisations 2" in text
 
 
-def test_the_strongest_excitation_stands_beside_the_limits(multisine, monkeypatch):
+def test_the_strongest_excitation_stands_beside_the_limits(undrawn, multisine, monkeypatch):
     """A bug: of records of several levels the first was drawn beside the limits of command and travel."""
     drawn = []
     excitation = plots.excitation
@@ -377,7 +377,7 @@ def test_diagnosis(friction, found):
     assert page.tags.count("figure") == 9
 
 
-def test_diagnosis_that_finds_nothing(friction, found):
+def test_diagnosis_that_finds_nothing(undrawn, friction, found):
     page = page_of(diagnose(found.model, found.measured))
     answer, rest = page.text.split("Measured and simulated signal", 1)
     assert "Adequate: these data show no missing effect." in answer
@@ -415,13 +415,13 @@ def test_diagnosis_that_finds_nothing(friction, found):
     ],
     ids=["nearest", "unknown", "group", "interrupted", "no stack"],
 )
-def test_answer_of_every_kind_of_diagnosis(found, changes, words):
+def test_answer_of_every_kind_of_diagnosis(undrawn, found, changes, words):
     page = page_of(dataclasses.replace(found, **changes))
     for text in words:
         assert text in page.text
 
 
-def test_a_diagnosis_of_a_given_model_gives_one_story(friction, found):
+def test_a_diagnosis_of_a_given_model_gives_one_story(undrawn, friction, found):
     """A bug: the verdict on the unfitted values of the model stood first, the diagnosis in a second story."""
     given = plant(STACK | {"rigid_body": {"gain": 9.0}})
     measured = found.measured
