@@ -337,7 +337,7 @@ static void compare_derivatives(double size, double tolerance, uint32_t only) {
             dy[p][n] = now[p];
         }
     }
-    for (uint32_t p = 0; p < b.cfg.n_free; p += (uint32_t)repeats(1, 3)) {
+    for (uint32_t p = 0; p < b.cfg.n_free; p += (uint32_t)repeats(1, 5)) {
         const gsid_plant_free f = b.free_parameter[p];
         const gsid_effect_parameter *d = &b.item[f.item].effect->parameter[f.parameter];
         gsid_real *value = &b.item[f.item].value[f.parameter];

@@ -296,7 +296,7 @@ static void noise_has_its_rms_and_its_colour(void **state) {
     (void)state;
     gsid_axis_cfg cfg = quiet();
     gsid_axis *axis;
-    const uint32_t n_blocks = 10;
+    const uint32_t n_blocks = (uint32_t)repeats(10, 1);
     memset(u, 0, sizeof u);
     for (int low = 0; low < 2; low++) {
         cfg.noise_rms = low ? 0.0 : 0.02;

@@ -12,7 +12,9 @@
 #include "gsid/host/batch.h"
 #include "gsid/host/optimise_excitation.h"
 
-enum { N_THREADS = 4, N_ROUNDS = 40, N_SIZES = 8, N_MAX = 512, F = 4, L = 10 };
+#include "reference.h"
+
+enum { N_THREADS = 4, N_SIZES = 8, N_MAX = 512, F = 4, L = 10 };
 
 typedef struct {
     gsid_status status[2];
@@ -51,7 +53,8 @@ static answer work(uint32_t size) {
 /* Returns the number of answers that differ. */
 static void *repeat(void *first) {
     uintptr_t different = 0;
-    for (uint32_t i = 0; i < N_ROUNDS * N_SIZES; i++) {
+    const uint32_t n = (uint32_t)repeats(40, 5) * N_SIZES;
+    for (uint32_t i = 0; i < n; i++) {
         const uint32_t size = (i + *(const uint32_t *)first) % N_SIZES;
         const answer a = work(size);
         different += memcmp(&a, &alone[size], sizeof a) != 0;

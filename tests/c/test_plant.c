@@ -129,7 +129,8 @@ static void shooting_agrees_with_200_periods(void **state) {
     }
     assert_int_equal(gsid_plant_periodic(&b.plant, SHORT, u, 1, 10, y, NULL, NULL, NULL, NULL), GSID_OK);
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
-    assert_true(gsid_plant_periodic(&b.plant, SHORT, u, 200, 0, again, NULL, NULL, NULL, &residual) >= 0);
+    assert_true(gsid_plant_periodic(&b.plant, SHORT, u, (uint32_t)repeats(200, 20), 0, again, NULL, NULL, NULL,
+                                    &residual) >= 0);
     for (int n = 0; n < SHORT; n++) {
         assert_near((double)y[n], (double)again[n], (double)residual + 10 * FINE);
     }
@@ -145,9 +146,10 @@ static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, dy[0], NULL, NULL, NULL), GSID_OK);
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
     double largest[FREE_MAX] = {0}, worst[FREE_MAX] = {0};
-    for (int n = 0; n < 30 * N; n++) {
+    const int n_periods = repeats(30, 3);
+    for (int n = 0; n < n_periods * N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, u[n % N], &out, now), GSID_OK);
-        for (uint32_t p = 0; n >= 29 * N && p < b.cfg.n_free; p++) {
+        for (uint32_t p = 0; n >= (n_periods - 1) * N && p < b.cfg.n_free; p++) {
             largest[p] = fmax(largest[p], fabs((double)dy[p][n % N]));
             worst[p] = fmax(worst[p], fabs((double)now[p] - (double)dy[p][n % N]));
         }
@@ -378,7 +380,7 @@ static void run_wild(void) {
     gsid_real out, slopes[FREE_MAX];
     bench_free_all(&b);
     bench_init(&b);
-    for (int n = 0; n < 600; n++) {
+    for (int n = 0; n < repeats(600, 150); n++) {
         assert_int_equal(gsid_plant_step(&b.plant, wild_command(n), &out, slopes), GSID_OK);
         assert_true(fabs((double)out) < 1e4);
     }
