@@ -41,7 +41,7 @@ STYLE = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # no ticks on top that a title would have to avoid, which takes a tenth of the drawing
+    "axes.titley": 1.0,  # no ticks on top that a title would have to avoid, a tenth of the time to draw
     "axes.labelsize": 9.0,
     "axes.labelcolor": "#333333",
     "axes.edgecolor": "#888888",
