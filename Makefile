@@ -205,16 +205,20 @@ $(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BU
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1))
 
 .PHONY: test
-test: setup ## C in double and float, the same sanitized and under valgrind, then Python but for `make test-long`
+test: setup ## C in double and float, the same sanitized and under valgrind, then Python but for the long tests
 	$(MAKE) $(JOBS) tests-built
 	$(MAKE) check
 	$(MAKE) sanitize
 	$(MAKE) valgrind
-	$(PY) -m pytest -q -n auto --dist loadgroup -m "not long"
+	$(PY) -m pytest -q -n auto --dist loadgroup -m "not long and not trial"
 
 .PHONY: test-long
 test-long: all peers ## tests that simulate whole studies, or build gsid anew: those marked long (minutes)
 	$(PY) -m pytest -q -n auto --dist loadgroup -m long
+
+.PHONY: test-trials
+test-trials: all ## trials that a study of the diagnosis has lost, diagnosed anew (half an hour)
+	$(PY) -m pytest -q -n auto --dist loadgroup -m trial
 
 .PHONY: tests-built
 tests-built: all peers $(C_TESTS) sanitized-built

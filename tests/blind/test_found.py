@@ -19,7 +19,7 @@ from gsid.spectrum.realisation import spectra
 SEED = 11  # a development seed
 
 
-@pytest.mark.long
+@pytest.mark.trial
 @pytest.mark.parametrize("effect", ["gear_backlash", "sensor_sample_hold", "hard_stop"])
 def test_what_is_hidden_is_in_the_first_group(effect, tmp_path, monkeypatch):
     """Bugs: backlash had no start, a sensor rate was missed between the rates tried, a stop was found on the
@@ -35,7 +35,7 @@ def test_what_is_hidden_is_in_the_first_group(effect, tmp_path, monkeypatch):
     assert said["error_over_floor"] < 1.5
 
 
-@pytest.mark.long
+@pytest.mark.trial
 def test_a_large_backlash_is_fitted_past_its_walls(tmp_path):
     """A bug: this gear's fit ended at a wall of one record's cost, 2 % from the truth with 4.6 per degree of
     freedom, and effects that are not there were added to it."""

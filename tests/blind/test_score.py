@@ -94,7 +94,7 @@ def test_an_effect_that_another_contains_is_never_separable():
     assert key["unexplained"] == 0
 
 
-@pytest.mark.long
+@pytest.mark.trial
 def test_of_a_pair_that_one_effect_does_as_well_nothing_is_left():
     """A bug: of a cubic spring and an unbalance, which cogging fits within noise, the key, which knew cogging
     as linear, said that it leaves 87; so both were asked for, and cogging was called wrong (seed 1020)."""

@@ -63,6 +63,11 @@ def test_version(gsid):
     assert gsid("--version").out == f"gsid {package.__version__}\n"
 
 
+def test_python_m_gsid_is_the_command():
+    run = subprocess.run([sys.executable, "-m", "gsid", "--version"], capture_output=True, text=True)
+    assert (run.returncode, run.stdout[:5]) == (0, "gsid ")
+
+
 def test_help_imports_nothing_heavy():
     heavy = "matplotlib|pandas|control|scipy|numpy|h5py|rich"
     code = f"import sys, gsid.cli.main; print([m for m in '{heavy}'.split('|') if m in sys.modules])"

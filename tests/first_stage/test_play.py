@@ -403,7 +403,7 @@ def test_play_that_is_not_named_is_not_fitted_again(monkeypatch):
     assert not fitted
 
 
-@pytest.mark.long
+@pytest.mark.trial
 def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
     trial = hard.make_hard(98011, 1, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
@@ -411,7 +411,7 @@ def test_bug_play_that_leaves_seven_times_the_noise_was_not_tried():
     assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))
 
 
-@pytest.mark.long
+@pytest.mark.trial
 @pytest.mark.parametrize(
     ("seed", "index", "percent"),
     [

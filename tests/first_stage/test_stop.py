@@ -165,14 +165,14 @@ def test_stops_that_only_the_high_level_reaches_are_named(trial, measured):
     assert found.model["hard_stop.stiffness"].value == pytest.approx(truth["stop_stiffness"], rel=0.02)
 
 
-@pytest.mark.long
+@pytest.mark.trial
 def test_bug_a_stop_was_unknown_because_its_fit_was_cut_short():
     trial = hard.make_hard(99015, 22, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
 
 
-@pytest.mark.long
+@pytest.mark.trial
 @pytest.mark.parametrize("percent", [5, 30, None])
 def test_bug_a_stop_was_lost_with_a_linear_part_that_could_not_be_simulated(percent):
     """The fit of the model to all records had left its values far behind, and the search began there; from
