@@ -249,8 +249,11 @@ build/install-tools/.stamp: tests/install/requirements.txt $(VENV)/requirements.
 	$(@D)/bin/python -m pip install -q --disable-pip-version-check -r tests/install/requirements.txt
 	@touch $@
 
+.PHONY: install-tools
+install-tools: build/install.stamp build/install-tools/.stamp ## what the tests of an installation need beside the build
+
 .PHONY: test-install
-test-install: all build/install.stamp build/install-tools/.stamp ## projects that use gsid as each kind of user installs it
+test-install: all install-tools ## projects that use gsid as each kind of user installs it
 	$(PY) -m pytest -q tests/install
 
 BASE ?=
