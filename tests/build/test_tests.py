@@ -1,6 +1,7 @@
 """The tests themselves: each asserts something, and none replaces a name by its path in the package."""
 
 import ast
+import re
 import shutil
 import signal
 import subprocess
@@ -121,3 +122,11 @@ def test_bug_tests_of_one_group_ran_in_several_processes(tmp_path):
     processes = [path.read_text() for path in tmp_path.glob("*.txt")]
     assert len(processes) == 8
     assert len(set(processes)) == 1
+
+
+def test_bug_the_list_of_ci_called_a_target_that_was_not_there():
+    root = TESTS.parent
+    called_targets = re.findall(r"^make (\S+)", (root / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE)
+    listed = subprocess.run(["make", "help"], cwd=root, capture_output=True, text=True, check=True).stdout.split()
+    assert "test" in called_targets
+    assert set(called_targets) <= set(listed)
