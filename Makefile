@@ -217,7 +217,7 @@ test-long: all peers ## tests that simulate whole studies, or build gsid anew: t
 	$(PY) -m pytest -q -n auto --dist loadgroup -m long
 
 .PHONY: test-trials
-test-trials: all ## trials that a study of the diagnosis has lost, diagnosed anew (half an hour)
+test-trials: all ## trials that a study of the diagnosis has lost, diagnosed again (minutes)
 	$(PY) -m pytest -q -n auto --dist loadgroup -m trial
 
 .PHONY: tests-built

@@ -1,4 +1,4 @@
-"""What all tests share: one thread for small matrices, programs that obey signals, pages without drawings.
+"""What all tests share: one thread for small matrices, programs that obey signals, a fixture for pages.
 
 With more threads they wait for each other: some tests take five times the processor time on busy cores.
 """
@@ -24,7 +24,7 @@ for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Pages without the lines of their pictures, which take most of the time: for tests of words."""
+    """Write pages without drawing their figures, which takes most of the time: for tests of a page's text."""
     from gsid.report import pictures  # not before the folders' own conftest.py
 
     def empty(_figure, prefix, label, kind):

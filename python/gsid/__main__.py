@@ -1,4 +1,4 @@
-"""`python -m gsid`: the command where its script is in no folder of PATH."""
+"""`python -m gsid` runs the command where the script `gsid` is not on PATH."""
 
 import sys
 

@@ -203,7 +203,8 @@ static void surplus_poles_stay_stable(void **state) {
     (void)state;
     const int n = repeats(4, 1);
     for (uint64_t s = 1; s <= (uint64_t)n; s++) {
-        for (uint32_t more = 2; more <= (s == 1 ? (uint32_t)repeats(5, 2) : 2); more += 3) {
+        const uint32_t most = s == 1 ? (uint32_t)repeats(5, 2) : 2;
+        for (uint32_t more = 2; more <= most; more += 3) {
             measure(axis, 0.0054, 0, N_LINES, 0.5, s);
             gsid_fit_result r;
             const gsid_fit_cfg cfg = ml(4 + more, 3 + more);

@@ -142,8 +142,9 @@ static void assert_true_value(uint32_t n, uint32_t j, double value) {
 static void values_are_found_within_their_uncertainty(void **state) {
     (void)state;
     for (int method = 0; method < 2; method++) {
-        for (int other = 0; other < repeats(2, 1); other++) {
-            const int solver = (method + other) % 2;
+        const int n_solvers = repeats(2, 1); /* of the two, another one for each method */
+        for (int i = 0; i < n_solvers; i++) {
+            const int solver = (method + i) % 2;
             gsid_plant_fit_cfg cfg = usual();
             cfg.method = (gsid_plant_fit_method)method;
             cfg.solver = (gsid_solver)solver;

@@ -380,7 +380,8 @@ static void run_wild(void) {
     gsid_real out, slopes[FREE_MAX];
     bench_free_all(&b);
     bench_init(&b);
-    for (int n = 0; n < repeats(600, 150); n++) {
+    const int n_samples = repeats(600, 150);
+    for (int n = 0; n < n_samples; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, wild_command(n), &out, slopes), GSID_OK);
         assert_true(fabs((double)out) < 1e4);
     }

@@ -233,7 +233,7 @@ def test_size(written):
     assert len(written) < 3_000_000
 
 
-def test_pictures_for_what_there_is(undrawn, multisine):
+def test_pictures_for_what_there_is(multisine):
     record = simulate(multisine)
     measured = frf(record)
     cases = [
