@@ -14,6 +14,7 @@ from gsid.spectrum.realisation import spectra
 
 FS_HZ, N, SEED = 1000.0, 1000, 20261124
 PAPER = {"width": 673, "height": 1002}  # A4 less its margins, in pixels
+SLOWER = 10  # than this machine, so that a drawing takes longer than the change of the window
 NAME = "a_file_with_a_long_name_without_a_blank_" * 3 + ".csv"
 
 
@@ -76,6 +77,21 @@ def test_each_width_has_its_own_picture(page):
         figure.locator(f"svg.{shown}:visible, .plot:visible").first.wait_for()  # plotly draws again
         assert not figure.locator(f"svg.{hidden}").is_visible()
         assert page.wait_for_function(LEGIBLE)
+
+
+def test_a_window_that_narrows_while_plotly_draws_keeps_its_picture(page):
+    """Two drawings at once left a picture without a height on a slow machine."""
+    if page.locator(".plot").count() == 0:
+        return
+    page.context.new_cdp_session(page).send("Emulation.setCPUThrottlingRate", {"rate": SLOWER})
+    page.reload()
+    for width in (1280, 400):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.locator("figure .plot:visible").first.wait_for()
+    plot = page.locator("figure .plot").first
+    page.wait_for_function(LEGIBLE)
+    assert plot.bounding_box()["height"] == plot.locator(".main-svg").first.bounding_box()["height"] > 100
+    assert plot.locator(".main-svg").first.bounding_box()["width"] <= 400
 
 
 def test_print_opens_what_is_folded_and_cuts_nothing(page):

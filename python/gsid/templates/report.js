@@ -5,7 +5,9 @@ const settings = { responsive: true, displaylogo: false };
 function draw(place) {
   const figure = JSON.parse(place.nextElementSibling.textContent);
   const traces = (isNarrow.matches && figure.dataNarrow) || figure.data;
-  Plotly.react(place, traces, isNarrow.matches ? figure.narrow : figure.wide, settings);
+  const layout = isNarrow.matches ? figure.narrow : figure.wide;
+  place.style.height = `${layout.height}px`; // drawn twice at once, plotly would leave it without a height
+  Plotly.react(place, traces, layout, settings);
 }
 
 const watch = new IntersectionObserver((entries) => {
