@@ -11,11 +11,11 @@ from gsid.diagnosis.missing_torque import catalogue as laws_of
 from gsid.diagnosis.missing_torque import linear_fit, stage
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
 from gsid.diagnosis.missing_torque.kept_out import keep_out
-from gsid.diagnosis.missing_torque.law_columns import Law, dissipated, torques, unit_torques
+from gsid.diagnosis.missing_torque.law_columns import Law, dissipated, mapped, torques, unit_torques
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_null
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
-from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, scan_laws
+from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, scan_laws, sums_of_rounded
 from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
@@ -136,6 +136,18 @@ def test_the_column_of_a_quarter_of_a_turn_is_the_derivative_by_the_phase(effect
     for columns, shape in zip(found, shapes, strict=True):
         want = torques(law, law.unit_values(shape), motion, np.pi / 180)
         np.testing.assert_allclose(columns, want, atol=1e-13)
+
+
+def test_the_sums_of_rounded_commands_are_those_of_the_law():
+    """Against the map of the C library, with steps beyond twice the command, which round it to zero."""
+    law = laws_of.law(catalogue()["drive_quantization"])
+    rng = np.random.default_rng(6)
+    command, weights = 20 * rng.normal(size=(2, 3000))
+    steps = 100 / np.arange(0.5, 300, 0.7)
+    want = mapped(law, steps[:, None], command) @ weights
+    np.testing.assert_allclose(
+        sums_of_rounded(command, weights, steps), want, atol=1e-9 * np.max(np.abs(want))
+    )
 
 
 def test_every_law_of_the_catalogue_has_a_family_and_every_enlarged_law_can_be_read():

@@ -283,19 +283,26 @@ def held_output(y: np.ndarray, rate_hz: float, fs_hz: float, n_period: int) -> n
     -------
     (N/2 + 1,) complex ndarray
     """
-    lags = np.round(_lags(rate_hz, fs_hz, n_period) / SAME_LAG)
-    turn = -2j * np.pi * np.arange(len(y)) / n_period
-    held = np.zeros(n_period)
-    for lag in np.unique(lags):
-        held += np.where(lags == lag, np.fft.irfft(y * np.exp(turn * lag * SAME_LAG), n_period), 0.0)
-    return np.fft.rfft(held)
+    from scipy.signal import czt  # half of the import of gsid; few records are of such a sensor
+
+    refresh = _refreshes(rate_hz, fs_hz, n_period)
+    lines = 2.0 * y  # with those of negative frequency
+    lines[0] /= 2
+    if n_period % 2 == 0:
+        lines[-1] /= 2
+    turn = np.exp(2j * np.pi * fs_hz / (rate_hz * n_period))  # of the lowest line, from refresh to refresh
+    values = czt(lines, int(refresh[-1]) + 1, turn).real / n_period
+    return np.fft.rfft(values[refresh])
 
 
 def _lags(rate_hz: float, fs_hz: float, n: int) -> np.ndarray:
     """Age of the sensor's value at each sample [samples]."""
-    sample = np.arange(n)
-    # A refresh falls on a sample in spite of rounding.
-    return sample - np.floor(sample * (rate_hz / fs_hz) + 1e-9) * (fs_hz / rate_hz)
+    return np.arange(n) - _refreshes(rate_hz, fs_hz, n) * (fs_hz / rate_hz)
+
+
+def _refreshes(rate_hz: float, fs_hz: float, n: int) -> np.ndarray:
+    """Number of the last refresh at each sample; one falls on a sample in spite of rounding."""
+    return np.floor(np.arange(n) * (rate_hz / fs_hz) + 1e-9).astype(int)
 
 
 def _product(one: MeanOutput) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,6 @@ from gsid.diagnosis.missing_torque.law_columns import (
     Law,
     command_lines,
     dissipated,
-    mapped,
     torque_lines,
 )
 from gsid.diagnosis.missing_torque.linear_fit import (
@@ -226,7 +225,7 @@ def _best_of_grid(scan: Scan, law: Law, scales: dict[str, float], error: np.ndar
         return None
     if law.is_command:
         if law.shapes[0].grid.spacing == "rounding":
-            points = _likely_steps(scan, law, points, error)
+            points = _likely_steps(scan, points, error)
         gains = scan.command_gains(law, points, error)
     else:
         gains, _ = scan.torque_gains(law, points, error)
@@ -270,16 +269,16 @@ def _neighbours(points: np.ndarray, best: np.ndarray) -> np.ndarray:
 
 LIKELY = 12  # steps of rounding whose gain is computed
 MANY_LINES = 40.0  # on which changes are as large as each other: with fewer their sizes differ by chance
-TOGETHER = 10  # steps of rounding in one array, which stays in the cache
 
 
-def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) -> np.ndarray:
+def _likely_steps(scan: Scan, steps: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Steps of rounding whose change of the command is most like the one that the error asks for.
 
     The product of a change with the error is a sum over samples: no transform is needed. Its norm is that of
     a uniform error, in proportion to the step. At a sharp resonance a few lines have nearly all weight, and
     norms differ by chance: more steps are kept, as many times as lines are too few.
     """
+    sizes = steps[:, 0]
     p = scan.problem
     held = p.responses(scan.fit.part)
     complex_error = (error[: p.n_rows // 2] + 1j * error[p.n_rows // 2 :]).conj()
@@ -292,11 +291,31 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
         whole = np.zeros(r.spectra.period_samples // 2 + 1, complex)
         whole[r.line] = wanted.conj()
         asked = np.fft.irfft(whole, r.spectra.period_samples)
-        without = r.command @ asked
-        for some in np.array_split(np.arange(len(steps)), max(len(steps) // TOGETHER, 1)):
-            total[some] += mapped(law, steps[some], r.command) @ asked - without
-    likeness = -total / steps[:, 0]
+        total += sums_of_rounded(r.command, asked, sizes) - r.command @ asked
+    likeness = -total / sizes
     return np.sort(steps[np.argsort(likeness)[-n_kept:]], axis=0)
+
+
+def sums_of_rounded(x: np.ndarray, weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Sums of weights times x rounded to whole steps, one for each step, (s,).
+
+    A value counts once for each odd half step that it reaches: the sum runs over these levels, not over the
+    samples.
+
+    Parameters
+    ----------
+    x, weights : (n,) ndarray
+    steps : (s,) ndarray
+        Positive.
+    """
+    order = np.argsort(np.abs(x))
+    size = np.abs(x)[order]
+    from_here = np.append(np.cumsum((np.sign(x) * weights)[order][::-1])[::-1], 0.0)
+    n_levels = np.floor(size[-1] / steps + 0.5).astype(int)
+    of_step = np.repeat(np.arange(len(steps)), n_levels)
+    level = np.arange(len(of_step)) - np.repeat(np.cumsum(n_levels) - n_levels, n_levels) + 0.5
+    reached = from_here[np.searchsorted(size, level * steps[of_step])]
+    return steps * np.bincount(of_step, reached, minlength=len(steps))
 
 
 def _n_effective(power: np.ndarray) -> float:
