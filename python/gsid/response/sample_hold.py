@@ -206,8 +206,9 @@ def _share_of_images(outputs: Sequence[MeanOutput], rate_hz: float) -> float:
 def _with_images(one: MeanOutput, excited: np.ndarray, rate_hz: float) -> np.ndarray:
     """Output of the held sensor whose excited lines, images on them included, are those measured."""
     n, fs_hz = one.period_samples, one.fs_hz
-    direct = held_response(np.arange(len(one.y)) * (fs_hz / n), rate_hz, fs_hz, n)
-    inverse = np.where(excited, np.conj(direct) / np.maximum(np.abs(direct) ** 2, 0.05), 0.0)
+    direct = held_response(np.flatnonzero(excited) * (fs_hz / n), rate_hz, fs_hz, n)
+    inverse = np.zeros(len(one.y), complex)
+    inverse[excited] = np.conj(direct) / np.maximum(np.abs(direct) ** 2, 0.05)
     before_sensor = inverse * one.y
     for _ in range(IMAGE_PASSES):
         held = held_output(before_sensor, rate_hz, fs_hz, n)

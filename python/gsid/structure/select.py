@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
+from gsid.base.threads import in_parallel
 from gsid.fitting.sandwich import correlation_of
 from gsid.models.rational import RationalModel
 from gsid.response.sample_hold import lag_fractions
@@ -298,16 +299,24 @@ class _Search:
 
     def _try_new(self, several: Iterator[Values], least: float) -> None:
         """Refine values of structures that are not among the best already."""
-        for values in several:
-            if self.deadline.is_over:
-                return
-            known = self.found.get(values.structure)
-            if known is None or known.refused or known.score > least + self.settings.odds:
-                self._try(values)
 
-    def _try(self, values) -> None:
-        """Refine values and keep them if they are the best of their structure."""
-        fitted = refine(values, self.data)
+        def is_new(values: Values) -> bool:
+            known = self.found.get(values.structure)
+            return known is None or bool(known.refused) or known.score > least + self.settings.odds
+
+        def refined(values: Values) -> Fitted | None:
+            return None if self.deadline.is_over else refine(values, self.data)
+
+        todo = [values for values in several if is_new(values)]
+        for values, fitted in zip(todo, in_parallel(refined, todo), strict=True):
+            if fitted is not None and is_new(values):
+                self._keep(fitted)
+
+    def _try(self, values: Values) -> None:
+        self._keep(refine(values, self.data))
+
+    def _keep(self, fitted: Fitted) -> None:
+        """Keep refined values if they are the best of their structure."""
         if not np.isfinite(fitted.cost):
             return
         relabelled = fitted.values.relabelled(self.settings.zeta_max)
