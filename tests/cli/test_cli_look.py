@@ -177,3 +177,20 @@ def test_bug_a_limit_in_degrees_was_compared_with_a_position_in_radians(gsid, re
     write_record("other.csv", replace(read_record(rec_csv), y_unit="m/s"))
     refused = gsid("look", "other.csv", "--limit-travel-deg", "2")
     assert (refused.code, "the position is not known" in refused.err) == (3, True)
+
+
+def test_a_clipped_output_has_its_ends_and_their_share(gsid, record, tmp_path):
+    low = float(np.quantile(record.y, 0.1))
+    record.y = np.maximum(record.y, low)
+    write_record(tmp_path / "rec.csv", record)
+    (facts,) = looked(gsid, "rec.csv")["records"]
+    (end,) = facts["clipped"]
+    assert end["value"] == pytest.approx(low)
+    assert end["share"] == pytest.approx(0.1, abs=0.01)
+    (sentence,) = looked(gsid, "rec.csv")["sentences"]
+    assert f"y stays at {low:.4g} in {end['share']:.2%} of the samples, an end of its range." in sentence
+    assert f"{low:.4g} in {end['share']:.2%}" in gsid("look", "rec.csv").out
+
+
+def test_an_output_within_its_range_has_no_clipped_end(gsid, rec_csv):
+    assert looked(gsid, rec_csv)["records"][0]["clipped"] == []

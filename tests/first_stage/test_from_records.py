@@ -8,6 +8,7 @@ import first_stage_study as study
 import hard
 import numpy as np
 import pytest
+from from_records_study import record_of
 
 import gsid
 from gsid.base.deadline import Deadline
@@ -376,3 +377,21 @@ def test_the_motor_bench_has_no_name():
     """What it lacks is in no list: both sides of its coupling contradict each law."""
     record = read_record(BENCH / "multisine_A.npz", u="iq_ref", y="theta_motor")
     assert gsid.diagnose_records(record).verdict in ("unknown_effect", "nearest_effect")
+
+
+def test_a_clipped_output_is_unknown_and_the_remark_tells_where_it_is_clipped():
+    """Bug: no verb mentioned it. Nothing is missing in these axes; what is left of them is the clipping."""
+    trial_of = hard.make_hard(5150, 2, "null")
+    largest = max(np.abs(y - np.median(y)).max() for _, y in trial_of.records)
+    low, high = (float(np.median(trial_of.records[-1][1])) + side * 0.6 * largest for side in (-1, 1))
+    records = [
+        replace(record_of(u, np.clip(y, low, high)), name=f"run{number}")
+        for number, (u, y) in enumerate(trial_of.records)
+    ]
+    found = gsid.diagnose_records(records, fast=True)
+    print(found)
+    assert found.verdict == "unknown_effect"
+    (remark,) = [text for text in found.remarks if text.startswith("Y stays at an end of its range")]
+    assert all(f"at {end:.4g} deg/s" in remark for end in (low, high))
+    (assumed,) = [text for text in gsid.start(records).assumed if "y stays" in text]
+    assert assumed.startswith("the axis moved as y shows, though y stays at an end of its range")

@@ -44,7 +44,9 @@ def look(
 
     The drift is the change of the mean output from the first period to the last. A spike differs from the
     same sample of the other periods by more than 8 times their scatter. refresh_hz is the rate at which y
-    takes a new value, if its samples repeat because the sensor has a lower rate than the record.
+    takes a new value, if its samples repeat because the sensor has a lower rate than the record. clipped has
+    the ends of the range of y at which at least five times as many samples are as at any next value: a
+    clipped sensor, a stop, or rest.
 
     The picture shows input and output over the whole record, the part that is discarded as settling, and, if
     the input repeats, the position and the spectrum of the periods.
@@ -82,6 +84,7 @@ def _spectra(record: Record) -> Spectra | None:
 
 
 def _facts(record: Record, found: Spectra | None, travel: tuple[float, float] | None) -> dict[str, object]:
+    from gsid.records.clipping import clipped_ends
     from gsid.records.refresh import refresh_rate_hz
 
     n = len(record.u)
@@ -95,6 +98,7 @@ def _facts(record: Record, found: Spectra | None, travel: tuple[float, float] | 
         "y_unit": record.y_unit,
         "hold": record.hold or "not stated",
         "refresh_hz": refresh_rate_hz(record),
+        "clipped": [{"value": end.value, "share": end.share} for end in clipped_ends(record)],
         "other_columns": list(record.columns),
     }
     if found is None:
@@ -172,6 +176,8 @@ def _condition_in_words(facts: dict[str, Any]) -> str:
     if facts["drifts"]:
         size = f"{facts['drift']:.2g} {facts['y_unit']}".strip()
         words += f" The mean output drifts by {size} over the periods."
+    for end in facts["clipped"]:
+        words += f" y stays at {_text(end)} of the samples, an end of its range."
     if times := facts["spikes_s"]:
         where = ", ".join(f"{time:.4g}" for time in times[:MOST_SPIKES])
         more = ", ..." if len(times) > MOST_SPIKES else ""
@@ -196,6 +202,8 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         more = f", ... ({len(value)})" if len(value) > MOST_IN_TABLE else ""
         return (", ".join(_text(one) for one in value[:MOST_IN_TABLE]) or "none") + more
+    if isinstance(value, dict):
+        return f"{value['value']:.4g} in {value['share']:.2%}"
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

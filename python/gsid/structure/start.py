@@ -21,6 +21,7 @@ from gsid.plant.effect import Effect, Param
 from gsid.plant.model import OUTPUTS as OF_PLANTS
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS, kind_of_unit, torque_text
+from gsid.records.clipping import clipped_text
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_response
 from gsid.response.total_variance import TotalVariance
@@ -289,7 +290,9 @@ def start(
                 measured, axis = cleared, before_sensor(cleared, rate_hz)
             except OutOfTime:
                 best.selection.complete = False
-    return _described(best, found, measured, axis, rate_hz, output)
+    described = _described(best, found, measured, axis, rate_hz, output)
+    described.assumed += _of_ends(source.records)
+    return described
 
 
 def _require_motion(one: Record | Spectra) -> None:
@@ -490,6 +493,12 @@ def _of_output(kind: str, unit: str) -> str:
         return f"y is the {kind}, by its unit {unit}; --output states another"
     against = "" if stated is None else f" against its unit {unit} ({stated})"
     return f"y is the {kind}, inferred from the data{against}; --output states it"
+
+
+def _of_ends(records: Sequence[Record | Spectra]) -> list[str]:
+    """That the axis moved as the output shows, where its samples leave that in doubt."""
+    stays = clipped_text(one for one in records if isinstance(one, Record))
+    return [f"the axis moved as y shows, though {stays}"] if stays else []
 
 
 def _assumed(

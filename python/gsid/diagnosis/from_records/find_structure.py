@@ -28,6 +28,7 @@ from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import has_common_zero
 from gsid.plant.model import PlantModel, check_plant
 from gsid.plant.units import TRAVELS, check_plant_units
+from gsid.records.clipping import clipped_text
 from gsid.records.record import Record
 from gsid.response.closed_loop import require_reference
 from gsid.spectrum.realisation import listed, require_different, spectra_of
@@ -57,6 +58,7 @@ def find_structure(
         run.measured = spectra_of(records)
         require_different(run.measured)
     require_motion_of_output(run.measured)
+    _note_clipped(run, listed(records))
     if run.band is not None and not (model is not None and has_common_zero(model)):
         # Line 0 is of use to some laws only: costs of different lines cannot be compared.
         run.band = max(run.band[0], min(float(one.f_hz[1]) for one in run.measured)), run.band[1]
@@ -91,6 +93,13 @@ def find_structure(
             run.measured = run.judged = without_noise_of_input(run.measured, run.stack, run.band)
         _keep_resonances(run)
         _note_laws_of_turning(run)
+
+
+def _note_clipped(run: Run, records: Sequence[Record | Spectra]) -> None:
+    """An output that stays at an end of its range: nothing in the catalogue is a clipped sensor."""
+    stays = clipped_text(one for one in records if isinstance(one, Record))
+    if stays:
+        run.notes.append(stays[0].upper() + stays[1:] + ".")
 
 
 def _find_loop(run: Run, records: list[Record], reference: str) -> None:
