@@ -74,6 +74,8 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert found.p_value >= 0.05
     assert not found.found
     assert found.cost_per_dof == pytest.approx(1, abs=0.15)
+    assert found.ranking
+    assert all(np.isnan(one.share_kept_out) for one in found.ranking)  # a bug: 100 % of noise
 
 
 def test_the_requested_false_alarm_rate_decides():

@@ -33,7 +33,8 @@ class RankedLaw:
     cost_per_dof_after : float
         Cost per degree of freedom with it; NaN if it was only scanned.
     share_kept_out : float
-        Share of the misfit that it explains where it was not fitted; NaN if it was only scanned.
+        Share of the misfit that it explains where it was not fitted; NaN if it was only scanned, and if the
+        verdict is "adequate": noise has no share.
     margin : float
         What the best law of another family leaves, over what it leaves; NaN if it was only scanned.
     scatter : float

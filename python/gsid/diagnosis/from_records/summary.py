@@ -240,6 +240,14 @@ def _found(run: Run, decision: Decision) -> list[tuple[str, ...]]:
 
 
 def _ranking(run: Run) -> list[RankedLaw]:
+    """All laws, where they belong; without shares where the linear part leaves nothing to be explained."""
+    ranking = _all_laws(run)
+    if run.decision.verdict != ADEQUATE:
+        return ranking
+    return [replace(one, share_kept_out=NAN) for one in ranking]
+
+
+def _all_laws(run: Run) -> list[RankedLaw]:
     """Fits by simulation first, then those of the first stage; "none of the catalogue" where it belongs."""
     if run.draft is None:
         return []
@@ -251,7 +259,7 @@ def _ranking(run: Run) -> list[RankedLaw]:
     null = run.null.fit.cost_per_dof if run.null else run.draft.stage.cost_per_dof
     by = "simulation" if run.null else "first stage"
     none = RankedLaw((), {}, null, 0.0, NAN, NAN, run.null is not None, by)
-    if run.decision.verdict in ("adequate", "unknown_effect"):
+    if run.decision.verdict in (ADEQUATE, UNKNOWN):
         return [none, *sorted(simulated, key=_cost), *drafted]
     first = [one for one in simulated if one.effects[0] == run.decision.effects[0]]
     rest = sorted((one for one in simulated if one not in first), key=_cost)
