@@ -188,7 +188,10 @@ def test_a_clipped_output_has_its_ends_and_their_share(gsid, record, tmp_path):
     assert end["value"] == pytest.approx(low)
     assert end["share"] == pytest.approx(0.1, abs=0.01)
     (sentence,) = looked(gsid, "rec.csv")["sentences"]
-    assert f"y stays at {low:.4g} in {end['share']:.2%} of the samples, an end of its range." in sentence
+    assert (
+        f"The output stays at an end of its range, {low:.4g} in {end['share']:.2%} of the samples."
+        in sentence
+    )
     assert f"{low:.4g} in {end['share']:.2%}" in gsid("look", "rec.csv").out
 
 

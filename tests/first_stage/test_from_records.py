@@ -380,7 +380,7 @@ def test_the_motor_bench_has_no_name():
 
 
 def test_a_clipped_output_is_unknown_and_the_remark_tells_where_it_is_clipped():
-    """Bug: no verb mentioned it. Nothing is missing in these axes; what is left of them is the clipping."""
+    """Bug: no verb mentioned it. Nothing is missing in this axis; only the clipping is left."""
     trial_of = hard.make_hard(5150, 2, "null")
     largest = max(np.abs(y - np.median(y)).max() for _, y in trial_of.records)
     low, high = (float(np.median(trial_of.records[-1][1])) + side * 0.6 * largest for side in (-1, 1))
@@ -391,7 +391,7 @@ def test_a_clipped_output_is_unknown_and_the_remark_tells_where_it_is_clipped():
     found = gsid.diagnose_records(records, fast=True)
     print(found)
     assert found.verdict == "unknown_effect"
-    (remark,) = [text for text in found.remarks if text.startswith("Y stays at an end of its range")]
+    (remark,) = [text for text in found.remarks if text.startswith("The output stays at an end of its range")]
     assert all(f"at {end:.4g} deg/s" in remark for end in (low, high))
-    (assumed,) = [text for text in gsid.start(records).assumed if "y stays" in text]
-    assert assumed.startswith("the axis moved as y shows, though y stays at an end of its range")
+    (assumed,) = [text for text in gsid.start(records).assumed if "output stays" in text]
+    assert assumed.startswith("y is the motion of the axis, although the output stays at an end")

@@ -42,7 +42,7 @@ def rounded(y, rng):
 
 
 def test_motion_within_the_range_has_no_clipped_end():
-    """None of 4000 (at most 0.1 % with 95 %), rounded to any number of steps; nor of 20 000."""
+    """None of 4000, rounded to any number of steps: at most 0.1 % with 95 %."""
     print("seed", SEED)
     rng = np.random.default_rng(SEED)
     records = [record_of(rounded(motion(rng), rng)) for _ in range(4000)]
@@ -63,6 +63,12 @@ def test_the_clipped_end_and_its_share_are_those_of_the_clipping(side):
 def test_both_ends_are_found_the_smallest_first():
     y = 5 * np.sin(2 * np.pi * np.arange(4000) / 400)
     assert [end.value for end in clipped_ends(record_of(np.clip(y, -3, 4)))] == [-3.0, 4.0]
+
+
+def test_an_end_at_zero_is_not_minus_zero():
+    y = np.maximum(np.sin(2 * np.pi * np.arange(4000) / 371), 0.0)
+    (end,) = clipped_ends(record_of(y))
+    assert f"{end.value:g}" == "0"
 
 
 def test_lost_samples_do_not_count():

@@ -44,9 +44,9 @@ def look(
 
     The drift is the change of the mean output from the first period to the last. A spike differs from the
     same sample of the other periods by more than 8 times their scatter. refresh_hz is the rate at which y
-    takes a new value, if its samples repeat because the sensor has a lower rate than the record. clipped has
-    the ends of the range of y at which at least five times as many samples are as at any next value: a
-    clipped sensor, a stop, or rest.
+    takes a new value, if its samples repeat because the sensor has a lower rate than the record. clipped
+    lists the ends of the range of y that have at least five times as many samples as any of the next values:
+    the sensor is clipped, or the axis is at a stop or at rest.
 
     The picture shows input and output over the whole record, the part that is discarded as settling, and, if
     the input repeats, the position and the spectrum of the periods.
@@ -177,7 +177,7 @@ def _condition_in_words(facts: dict[str, Any]) -> str:
         size = f"{facts['drift']:.2g} {facts['y_unit']}".strip()
         words += f" The mean output drifts by {size} over the periods."
     for end in facts["clipped"]:
-        words += f" y stays at {_text(end)} of the samples, an end of its range."
+        words += f" The output stays at an end of its range, {_text(end)} of the samples."
     if times := facts["spikes_s"]:
         where = ", ".join(f"{time:.4g}" for time in times[:MOST_SPIKES])
         more = ", ..." if len(times) > MOST_SPIKES else ""

@@ -38,10 +38,10 @@ class End:
 
 
 def clipped_ends(record: Record) -> list[End]:
-    """Ends of the range of the output at which at least five times as many samples are as at any next value.
+    """Ends of the range of the output with at least five times as many samples as any of the next values.
 
-    So it is where a sensor or an amplifier is clipped, where a stop holds the axis, and where it rests
-    without any noise. Noise that is added after the limit hides it.
+    A clipped sensor or amplifier gives such an end, and so does an axis at a stop or at rest if the record
+    has no noise there. Noise that is added after the limit hides it.
 
     Parameters
     ----------
@@ -54,10 +54,11 @@ def clipped_ends(record: Record) -> list[End]:
     """
     y = record.y[record.valid]
     ends = ((sign, _upper_end(sign * y)) for sign in (-1, 1))
-    return [End(sign * end.value, end.share) for sign, end in ends if end is not None]
+    return [End(sign * end.value + 0.0, end.share) for sign, end in ends if end is not None]  # not -0
 
 
 def _upper_end(y: np.ndarray) -> End | None:
+    """The largest value, if samples accumulate there."""
     counts: list[int] = []
     below, same = y, SAME * np.ptp(y)
     for _ in range(1 + NEXT):
@@ -87,6 +88,6 @@ def clipped_text(records: Iterable[Record]) -> str:
     if not where:
         return ""
     return (
-        "y stays at an end of its range, as at a clipped sensor, or of an axis at a stop or at rest: "
+        "the output stays at an end of its range (a clipped sensor, or an axis at a stop or at rest): "
         + ", ".join(where)
     )

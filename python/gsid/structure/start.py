@@ -496,9 +496,9 @@ def _of_output(kind: str, unit: str) -> str:
 
 
 def _of_ends(records: Sequence[Record | Spectra]) -> list[str]:
-    """That the axis moved as the output shows, where its samples leave that in doubt."""
+    """The assumption that the output is the motion, where it may be clipped."""
     stays = clipped_text(one for one in records if isinstance(one, Record))
-    return [f"the axis moved as y shows, though {stays}"] if stays else []
+    return [f"y is the motion of the axis, although {stays}"] if stays else []
 
 
 def _assumed(

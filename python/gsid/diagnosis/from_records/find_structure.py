@@ -96,7 +96,7 @@ def find_structure(
 
 
 def _note_clipped(run: Run, records: Sequence[Record | Spectra]) -> None:
-    """An output that stays at an end of its range: nothing in the catalogue is a clipped sensor."""
+    """Report an output that may be clipped: the catalogue has no clipped sensor."""
     stays = clipped_text(one for one in records if isinstance(one, Record))
     if stays:
         run.notes.append(stays[0].upper() + stays[1:] + ".")

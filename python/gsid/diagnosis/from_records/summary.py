@@ -240,7 +240,7 @@ def _found(run: Run, decision: Decision) -> list[tuple[str, ...]]:
 
 
 def _ranking(run: Run) -> list[RankedLaw]:
-    """All laws, where they belong; without shares where the linear part leaves nothing to be explained."""
+    """All laws in order; without shares if nothing is missing, since the excess over noise is zero then."""
     ranking = _all_laws(run)
     if run.decision.verdict != ADEQUATE:
         return ranking
