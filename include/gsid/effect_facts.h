@@ -49,7 +49,7 @@ typedef enum {
     GSID_SPACING_TURNS = 4, /* first, first + step, ... up to last, all over the scale */
     GSID_SPACING_LIST = 5, /* n points of a list */
     GSID_SPACING_DECADES = 6, /* n points of a list in each decade, from first to last of the scale */
-    GSID_SPACING_ROUNDING = 7, /* n points downwards from first, neighbours p^2 / (step scale) apart */
+    GSID_SPACING_ROUNDING = 7, /* the scale over first, first + step, ... up to last: steps in it */
     GSID_SPACING_PER = 8 /* n points of a list, over the scale */
 } gsid_spacing;
 

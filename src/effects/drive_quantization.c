@@ -27,7 +27,7 @@ const gsid_effect_facts FACTS(drive_quantization) = {
     .effect = &EFFECT(drive_quantization),
     .law = "step round(u / step)",
     .as_c = "copysignf({step} * floorf(fabsf(u) / {step} + 0.5f), u)",
-    .parameter = {{.grid = {GSID_SPACING_ROUNDING, GSID_SHARE_OF_COMMAND, R(0.3), 0, 3, 1500, NULL,
+    .parameter = {{.grid = {GSID_SPACING_ROUNDING, GSID_SHARE_OF_COMMAND, R(3.0), R(1500.0), R(1.0) / 3, 0, NULL,
                             "at the largest command the rounding of neighbours differs by a third of a step; "
-                            "down to a five hundredth of it"}}},
+                            "the finest changes the command by 0.02 %"}}},
 };

@@ -244,6 +244,14 @@ def test_bug_a_rounding_was_lost_behind_a_sharp_resonance():
     assert found.ranking[0].params["step"] == pytest.approx(truth["quantization_step"], rel=0.005)
 
 
+def test_bug_a_rounding_to_a_585th_of_the_command_was_not_searched():
+    """The steps ended at a 500th (109011, 10)."""
+    records, truth = hard_trial(109011, 10, "drive_quantization")
+    found = gsid.diagnose_records(records, fast=True)
+    assert found.effects == ("drive_quantization",)
+    assert found.ranking[0].params["step"] == pytest.approx(truth["quantization_step"], rel=0.001)
+
+
 def ringing_trial():
     """A spring whose resonance at 1.003 Hz is 0.005 Hz wide, in records of 16 s with a line at 1 Hz."""
     trial = hard.make_hard(105011, 30, "single")

@@ -243,10 +243,9 @@ def test_the_points_of_a_grid(name):
 
 def test_roundings_differ_by_a_third_of_a_step_at_the_largest_command():
     steps = find("drive_quantization")["step"].grid.at(100.0)
-    assert len(steps) == 1501
-    assert steps[0] == 30.0
-    np.testing.assert_allclose(100.0 / steps[1:] - 100.0 / steps[:-1], 1 / 3, rtol=0.12)
-    assert 100 / 550 < steps[-1] < 100 / 450
+    assert steps[0] == pytest.approx(100 / 3)
+    np.testing.assert_allclose(np.diff(100.0 / steps), 1 / 3, rtol=1e-9)
+    assert steps[-1] == pytest.approx(100 / 1500, rel=1e-3)
 
 
 def test_usual_rates_of_sensors():

@@ -117,10 +117,7 @@ class Grid:
         if self.spacing == "turns":
             return np.arange(self.first / scale, self.last / scale, self.step / scale)
         if self.spacing == "rounding":
-            points = [self.first * scale]
-            for _ in range(self.n):
-                points.append(points[-1] - self.gap(scale, points[-1]))
-            return np.array(points)
+            return scale / np.arange(self.first, self.last, self.step)
         if self.spacing == "decades":
             lowest, highest = self.first * scale, self.last * scale
             decades = 10.0 ** np.arange(np.floor(np.log10(lowest)), np.log10(scale))
@@ -130,15 +127,6 @@ class Grid:
         if self.spacing == "from_end":
             return (1 - shares) * scale
         return scale * shares if self.spacing == "geometric" else 1 / (scale * shares)
-
-    def gap(self, scale: float, point: float) -> float:
-        """Distance between neighbours for the spacing "rounding".
-
-        Parameters
-        ----------
-        scale, point : float
-        """
-        return point**2 / (self.step * scale)
 
 
 @dataclass(frozen=True)
