@@ -9,14 +9,17 @@ from from_records_study import record_of
 from test_steps import BODY, SPRING, VISCOUS, model, values
 
 import gsid
-from gsid.diagnosis.from_records.working_point import cubic_in_place_of_cogging
+from gsid.diagnosis.from_records.working_point import (
+    cubic_in_place_of_cogging,
+    cubic_in_place_of_unbalance,
+)
 
 COGGING = {"motor_cogging": {"level": 600.0, "cycles_per_rev": 12.0, "phase_rad": 2.6}}
 MEAN_DEG = 3.0
 
 
 def fitted(plant, mean=MEAN_DEG):
-    record = SimpleNamespace(prediction=SimpleNamespace(angle=mean + np.sin(np.arange(60))))
+    record = SimpleNamespace(prediction=SimpleNamespace(angle=mean + np.sin(2 * np.pi * np.arange(60) / 60)))
     return SimpleNamespace(model=plant, fit=SimpleNamespace(records=[record]))
 
 
@@ -61,6 +64,51 @@ def test_bug_a_torque_that_falls_at_the_inflection_ended_the_diagnosis():
     steep = 1.0001 * values(plant, "cable_spring")["stiffness"] / np.deg2rad(12.0)
     falls = COGGING["motor_cogging"] | {"level": steep, "phase_rad": np.pi - np.deg2rad(12.0) * MEAN_DEG}
     assert cubic_in_place_of_cogging(fitted(plant.with_effect("motor_cogging", falls))) is None
+
+
+@pytest.mark.parametrize("angle_deg", [22.0, -40.0])
+def test_a_cubic_spring_has_the_torque_of_an_unbalance_at_the_mean_angle(angle_deg):
+    """Value, slope and curvature of two torques over the angle, by differences."""
+    plant = model(BODY, VISCOUS, SPRING)
+    k = values(plant, "cable_spring")["stiffness"]
+    level = 100 * k
+    plant = plant.with_effect("mass_unbalance", {"level": level, "angle_deg": angle_deg})
+    cubic = cubic_in_place_of_unbalance(fitted(plant))
+    t = np.array([-0.01, 0.0, 0.01])
+    phase = np.deg2rad(MEAN_DEG + t + angle_deg)
+    torque = k * (MEAN_DEG + t) + level * (np.sin(phase) - np.sin(np.deg2rad(angle_deg)))
+    shifted = t - np.sign(np.sin(phase[1]))  # half the travel is 1 deg
+    found = (
+        values(cubic, "torque_bias")["level"]
+        + values(cubic, "cable_spring")["stiffness"] * shifted
+        + values(cubic, "cubic_spring")["stiffness"] * shifted**3
+    )
+    assert values(cubic, "cubic_spring")["stiffness"] > 0
+    np.testing.assert_allclose(found, torque, rtol=1e-6)
+    np.testing.assert_allclose(np.diff(found, 2), np.diff(torque, 2), rtol=0.01)
+    assert "mass_unbalance" not in cubic.stack()
+
+
+def test_there_is_none_without_an_unbalance_or_without_a_spring():
+    weak = {"level": 1.0, "angle_deg": 30.0}
+    assert cubic_in_place_of_unbalance(fitted(model(BODY, VISCOUS, SPRING))) is None
+    free = model(BODY, VISCOUS).with_effect("mass_unbalance", weak)
+    assert cubic_in_place_of_unbalance(fitted(free)) is None
+
+
+def test_there_is_none_that_falls_in_its_middle():
+    plant = model(BODY, VISCOUS, SPRING)
+    level = 66 * values(plant, "cable_spring")["stiffness"]
+    steep = plant.with_effect("mass_unbalance", {"level": level, "angle_deg": 150.0})
+    assert cubic_in_place_of_unbalance(fitted(steep)) is None
+
+
+def test_bug_a_weak_stiffening_spring_was_an_unbalance():
+    """The drive's offset shifts it by 1 deg; all other laws of the angle were fitted (109012, 21)."""
+    trial = hard.make_hard(109012, 21, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert found.verdict == "nearest_effect"
+    assert "cubic_spring" in found.effects
 
 
 @pytest.mark.long

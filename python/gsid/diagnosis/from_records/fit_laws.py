@@ -20,7 +20,12 @@ from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
 from gsid.diagnosis.from_records.stop_edges import STOP, shifted_stop
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
-from gsid.diagnosis.from_records.working_point import BIAS, CUBIC, cubic_in_place_of_cogging
+from gsid.diagnosis.from_records.working_point import (
+    BIAS,
+    CUBIC,
+    cubic_in_place_of_cogging,
+    cubic_in_place_of_unbalance,
+)
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -195,9 +200,10 @@ def _add_bias(run: Run, fits: Simulations) -> None:
 
 
 def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
-    """A cubic spring that a constant torque has shifted, in place of a cogging that is the best law."""
+    """A cubic spring that a constant torque has shifted, in place of the best law."""
     if CUBIC not in run.without:
-        _try_in_place(run, fits, cubic_in_place_of_cogging(best), CUBIC, best)
+        start = cubic_in_place_of_cogging(best) or cubic_in_place_of_unbalance(best)
+        _try_in_place(run, fits, start, CUBIC, best)
 
 
 def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
