@@ -194,3 +194,14 @@ def test_a_stop_that_the_axis_may_not_reach_is_the_narrowest_near_the_record(mon
     edges = Edges(low=-2.0, high=2.0, stiffness=1e6, mean_torque=-1.0, record=0, left=0.0)
     start = nearest_start(model(BODY, VISCOUS), edges, [None], None)
     assert start["hard_stop.angle_deg"].value == pytest.approx(2.0 + widened * 4.0 / 2)
+
+
+@pytest.mark.long
+def test_bug_an_element_of_the_quiet_records_alone_stood_for_the_lag():
+    """Their 139 lines chose a mode above the band, with which the stop was not found (109014, 27)."""
+    trial = hard.make_hard(109014, 27, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+    assert found.model["hard_stop.angle_deg"].value == pytest.approx(
+        trial.key["truth"]["stop_angle_deg"], rel=0.001
+    )

@@ -6,7 +6,7 @@ records of the lower levels alone show the true linear part, beside which the ed
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -84,26 +84,33 @@ def _own_work(run: Run) -> Deadline:
 
 
 def _linear_part_of(run: Run, quiet: Sequence[Spectra]) -> PlantFit | None:
-    """The linear part of some records, with a structure of their own unless one is given."""
+    """The linear part of some records, with a structure of their own unless one is given.
+
+    Without a given one it is the simplest that leaves only noise: in the few lines of the quiet records one
+    element may stand for another.
+    """
     run.on_step("fitting the linear part to the records of the lower levels")
-    for structure in _structures(run, quiet):
+    if run.given is not None:
+        return next(_adequate(run, _given_structures(run, quiet), quiet), None)
+    structures = [one for one in (_own_structure(run, quiet), run.stack) if one is not None]
+    return min(_adequate(run, structures, quiet), key=lambda one: len(one.model.free_names), default=None)
+
+
+def _adequate(run: Run, structures: Iterable[PlantModel], quiet: Sequence[Spectra]) -> Iterator[PlantFit]:
+    """Fits of the structures that leave only noise."""
+    for structure in structures:
         with suppress(GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             begin = linear_start(structure, quiet)
             low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
             if low.cost_per_dof <= run.settings.adequate:
-                return low
-    return None
+                yield low
 
 
-def _structures(run: Run, quiet: Sequence[Spectra]) -> Iterator[PlantModel]:
-    """Starts of the linear part: its own one; or a given one, at fitted values, as given, as the data show.
+def _given_structures(run: Run, quiet: Sequence[Spectra]) -> Iterator[PlantModel]:
+    """Starts of the linear part of a given model: fitted values, given ones, and what the data show.
 
     The fit of a given model to all records may have left its values far behind.
     """
-    if run.given is None:
-        own = _own_structure(run, quiet)
-        yield own or run.null.model
-        return
     yield run.null.model
     if run.known:
         return
