@@ -42,7 +42,8 @@ class LargerLaw:
     rise : float
         Of the cost; below 0 it fits better.
     difference : float
-        Of its torque along the motion from any multiple of that of the simpler law, over its rms.
+        Of its torque along the motion from any multiple of that of the simpler law, over its rms; or over its
+        peak, where it differs by more during some of the time.
     model : PlantModel
         The fitted model with this law in place of the simpler one.
     """
@@ -133,7 +134,7 @@ def _is_simpler_of(effect: str, larger: str) -> bool:
 def not_excluded(
     fit: PlantFit, effect: str, left_out: set[str], settings: DecisionSettings
 ) -> list[LargerLaw]:
-    """The most different shape of each larger law that fits as well as the law of a fit.
+    """The best shape of each larger law that differs from the law of a fit and fits as well.
 
     Parameters
     ----------
@@ -151,8 +152,8 @@ def not_excluded(
         if each.simpler == effect and each.id not in left_out and not each.not_searched
     ]
     profile = _Profile(fit, effect, settings) if larger else None
-    found = [profile.most_different(catalogue.law(each)) for each in larger]
-    return [one for one in found if one is not None and one.difference >= settings.different]
+    found = [profile.best_different(catalogue.law(each)) for each in larger]
+    return [one for one in found if one is not None]
 
 
 class _Profile:
@@ -176,8 +177,8 @@ class _Profile:
         self.torque = self._torque(law, shape, c)
         self.left = fit.residual - self._columns(law, shape[None, :])[0] @ c  # without the law
 
-    def most_different(self, law: Law) -> LargerLaw | None:
-        """The shape of a law that fits as well and whose torque differs most; None if none fits as well.
+    def best_different(self, law: Law) -> LargerLaw | None:
+        """The shape of a law that fits best of those whose torque differs; None if none fits as well.
 
         Parameters
         ----------
@@ -190,13 +191,14 @@ class _Profile:
             for c in self._within_reach(law, columns):
                 error = self.left + columns @ c
                 rise = float(error @ error - self.fit.cost)
+                if rise > (self.settings.worse if best is None else best[0]):
+                    continue
                 difference = self._difference(self._torque(law, shape, c))
-                is_better = best is None or difference > best[0]
-                if rise <= self.settings.worse and is_better:
-                    best = difference, shape, c, rise
+                if difference >= self.settings.different:
+                    best = rise, shape, c, difference
         if best is None:
             return None
-        difference, shape, c, rise = best
+        rise, shape, c, difference = best
         params = law.params(shape, c)
         model = without(self.fit.model, [self.effect]).with_effect(law.effect.id, params)
         return LargerLaw(law.effect.id, params, rise, difference, model)
@@ -227,9 +229,15 @@ class _Profile:
         return np.concatenate([c @ torques(law, values, m, self.problem.radians) for m in self.moved])
 
     def _difference(self, torque: np.ndarray) -> float:
-        """Share of a torque that is no multiple of the fitted law's; 0 with a peak far above it."""
+        """Share of a torque that is no multiple of the fitted law's; 0 with a peak far above it.
+
+        Of its rms, or of its peak: a friction that is twice as large at low speed matters where the axis
+        reverses, though it moves faster most of the time.
+        """
         power, own = float(torque @ torque), float(self.torque @ self.torque)
         highest = float(np.max(np.abs(torque)))
         if power == 0 or own == 0 or highest > self.settings.peak_most * np.max(np.abs(self.torque)):
             return 0.0
-        return float(np.sqrt(max(1 - (torque @ self.torque) ** 2 / (power * own), 0.0)))
+        apart = np.abs(torque - (torque @ self.torque) / own * self.torque)
+        of_peak = float(np.quantile(apart, 1 - self.settings.seldom)) / highest
+        return max(float(np.sqrt(apart @ apart / power)), of_peak)

@@ -151,8 +151,11 @@ class DecisionSettings:
         two more parameters reach 12 in one of 400 cases (chi-square), and a Coulomb friction was named
         Stribeck friction at 13.
     different : float
-        Least difference of the torque of a larger law from that of the best one, over its rms, for a shape
-        that matters: a friction that is twice as large at low speed differs by 0.2 to 0.4.
+        Least difference of the torque of a larger law from that of the best one, over its rms or its peak,
+        for a shape that matters: a friction that is twice as large at low speed differs by 0.2 to 0.4.
+    seldom : float
+        Share of the time during which a difference from the peak is exceeded: a Stribeck friction of 2.2
+        times the Coulomb friction at a 50th of the largest rate differed during 5 %, and by 8 % of the rms.
     peak_most : float
         Largest peak of such a torque, over that of the best law: more friction at rest is unusual.
     member_ratio : float
@@ -221,6 +224,7 @@ class DecisionSettings:
     worse: float = 12.0
     clearly_worse: float = 25.0
     different: float = 0.2
+    seldom: float = 0.02
     peak_most: float = 2.0
     member_ratio: float = 2.0
     worse_share: float = 0.1
