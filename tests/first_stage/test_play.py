@@ -2,6 +2,7 @@
 
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import hard
@@ -428,3 +429,51 @@ def test_bug_play_that_a_study_lost(seed, index, percent):
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], given, time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))
     assert found.cost_per_dof_after < DEFAULTS.adequate
+
+
+# ---- a mode that the joint has hidden ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def hidden_mode():
+    """A trial from the records alone with a mode of a damping of 0.007, which no linear structure shows."""
+    trial = hard.make_hard(110103, 2, "single")
+    truth = trial.key["truth"]
+    of_load = 1 + truth["gear_inertia_ratio"]  # inertia of both over that of the load, which the model has
+    joint = trial.key["effects"][0]["params"]
+    joint |= {name: joint[name] * of_load for name in ("stiffness", "damping")}
+    mode = {"f_hz": truth["mode_hz"], "zeta": truth["mode_zeta"], "residue": truth["mode_residue"] / of_load}
+    plant = model(
+        {"rigid_body": {"gain": truth["gain"] * of_load}},
+        {"viscous_friction": {"rate": truth["viscous_rate"] * of_load}},
+        {"cable_spring": {"stiffness": truth["spring_stiffness"] * of_load}},
+        {"gear_backlash": joint},
+        {"sensor_lag": {"time_constant_s": truth["sensor_lag_s"]}},
+        {"transport_delay": {"delay_s": truth["delay_s"]}},
+    )
+    return [record_of(u, y) for u, y in trial.records], replace(plant, fs_hz=3000.0), mode
+
+
+@pytest.mark.parametrize("is_in", [False, True])
+def test_a_hidden_mode_is_what_a_fit_with_play_leaves(hidden_mode, is_in):
+    """None where the model has it: noise is no mode."""
+    records, plant, mode = hidden_mode
+    begin = plant.with_effect("flexible_mode", mode) if is_in else plant
+    found = play.with_hidden_mode(gsid.fit_plant(begin, records, max_iter=4))
+    if is_in:
+        assert found is None
+        return
+    assert found["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.003)  # half a step
+    assert found["flexible_mode.residue"].value / mode["residue"] == pytest.approx(1.0, abs=0.5)
+    assert found["gear_backlash.gap_deg"].value > 0
+
+
+@pytest.mark.long
+def test_bug_play_was_unknown_where_it_had_hidden_a_sharp_mode(hidden_mode):
+    """Each structure of the search lacked the mode, and the best fit left 26 times the power of noise."""
+    records, plant, mode = hidden_mode
+    found = gsid.diagnose_records(records, time_s=600)
+    assert (found.verdict, found.effects) == ("missing_effect", ("gear_backlash",))
+    gap = plant["gear_backlash.gap_deg"].value
+    assert found.model["gear_backlash.gap_deg"].value == pytest.approx(gap, rel=0.02)
+    assert found.model["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.001)

@@ -11,7 +11,13 @@ import numpy as np
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.law_part import label_of
-from gsid.diagnosis.from_records.play import DOUBTFUL, fit_play, kept_by_refits
+from gsid.diagnosis.from_records.play import (
+    DOUBTFUL,
+    fit_play,
+    fit_play_from,
+    kept_by_refits,
+    with_hidden_mode,
+)
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.leave_out import leave_out
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
@@ -220,8 +226,30 @@ class Simulations:
         deadline = deadline or self.deadline.bounded(self.settings.moves_of_play)
         is_clear = min(beaten, null.cost) > self.settings.clear_misfit * null.n_dof
         how = {"pruned": pruned, "is_clear": is_clear}
+        return self._play(lambda: fit_play(null, given, self.measured, self.band, beaten, deadline, **how))
+
+    def fit_hidden_mode(self, found: Simulated, without: float, deadline: Deadline) -> Simulated | None:
+        """Fit a fit with play again with the mode that explains most of what it leaves; None without one.
+
+        Parameters
+        ----------
+        found : Simulated
+            With play.
+        without : float
+            Cost of the fit without play.
+        deadline : Deadline
+        """
+        model = None if self.deadline.is_over else with_hidden_mode(found.fit)
+        if model is None:
+            return None
+        self.on_step(f"fitting {BACKLASH} and a mode by simulation")
+        how = self.measured, self.band, found.fit.cost, deadline
+        return self._play(lambda: fit_play_from(model, without, *how))
+
+    def _play(self, fitted: Callable[[], PlantFit | None]) -> Simulated | None:
+        """A fit of play, judged; None if there is none."""
         try:
-            fit = fit_play(null, given, self.measured, self.band, beaten, deadline, **how)
+            fit = fitted()
         except OutOfTime:
             self.not_tried[BACKLASH] = self._why_stopped()
             return None

@@ -9,9 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 
+import numpy as np
+
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.canonical import MODE
 from gsid.diagnosis.joint_start import joint_start
+from gsid.diagnosis.missing_torque.linear_fit import ModeScan
+from gsid.diagnosis.missing_torque.problem import Problem, linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -25,6 +31,7 @@ FORGIVEN = 0.5  # share of the cost without play: a fit that leaves more is not 
 SAME = 10.0  # fall of the cost by which a restart has to be better
 NOISE = 0.05  # p-value of noise at which a fit needs no restart
 DOUBTFUL = 2.0  # kept-out cost, linearised, over that of the fit, from which it is repeated by refits
+MOST = 0.5  # share of what is left that a hidden mode has to explain
 ENOUGH = 1.15  # cost per degree of freedom at which one that has converged needs none: only noise is left
 
 
@@ -74,9 +81,30 @@ def fit_play(
     start = joint_start(null, given, deadline, is_clear=is_clear)
     if start is None:
         return None
-    start = pruned(start)
+    return fit_play_from(pruned(start), null.cost, measured, band, beaten, deadline)
+
+
+def fit_play_from(
+    start: PlantModel,
+    without: float,
+    measured: Sequence[Spectra],
+    band: tuple[float, float] | None,
+    beaten: float,
+    deadline: Deadline,
+) -> PlantFit:
+    """Fit a model with play from its values.
+
+    Parameters
+    ----------
+    start : PlantModel
+        With play.
+    without : float
+        Cost of the fit without play.
+    measured, band, beaten, deadline
+        As `fit_play`.
+    """
     fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
-    if fit.cost < FORGIVEN * null.cost:
+    if fit.cost < FORGIVEN * without:
         fit = _beyond_the_walls(fit, measured, band, deadline)
     if fit.cost < beaten and not fit.converged:
         with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
@@ -124,6 +152,32 @@ def _restarts(
     for i in order:
         longer = fit_plant(alone[i].model, measured[i], max_iter=ALONE, **how)
         yield fit_plant(longer.model, measured, max_iter=ALONE, **how)
+
+
+def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
+    """The model with the mode that explains most of what a fit with play leaves; None if it explains less.
+
+    Without play the linear structure leaves so much that a sharp mode does not show.
+
+    Parameters
+    ----------
+    fit : PlantFit
+        With play.
+    """
+    problem = Problem(fit.model, [one.spectra for one in fit.records], fit.band_hz, DEFAULTS)
+    errors = [one.spectra.y - one.prediction.Y for one in fit.records]
+    error = problem.whiten([e[r.line] for e, r in zip(errors, problem.records, strict=True)])
+    no_tangent = np.zeros((len(error), 0))  # what the other parameters can do of a sharp peak is little
+    modes = ModeScan(problem, linear_part(fit.model), no_tangent, error)
+    f_hz = np.concatenate([lines.f_hz for lines in problem.first])
+    ratio = 1 + min(DEFAULTS.mode_dampings)  # half the width of the sharpest
+    frequencies = np.exp(np.arange(np.log(f_hz.min()), np.log(f_hz.max()), np.log(ratio)))
+    found = {zeta: modes.best(frequencies, zeta) for zeta in DEFAULTS.mode_dampings}
+    zeta = max(found, key=lambda each: found[each].gain)
+    if found[zeta].gain < MOST * float(error @ error):
+        return None
+    params = {"f_hz": found[zeta].f_hz, "zeta": zeta, "residue": found[zeta].residue}
+    return fit.model.with_effect(MODE, params)
 
 
 def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: Deadline) -> float:

@@ -109,10 +109,22 @@ def _best(
         found = None if run.deadline.is_over else _fitted(run, fits, structure, null, work)
         if found is None or (best is not None and found.cost >= best[0].cost):
             continue
+        if run.given is None and not run.evidence().is_adequate(found):
+            found, structure = _with_hidden_mode(run, fits, found, structure, work)
         best = found, structure
         if run.evidence().is_adequate(found):
             break
     return best
+
+
+def _with_hidden_mode(
+    run: Run, fits: Simulations, found: Simulated, structure: PlantModel, work: Deadline
+) -> tuple[Simulated, PlantModel]:
+    """The fit with the mode that explains most of what it leaves, if that is better, and its structure."""
+    more = fits.fit_hidden_mode(found, run.null.fit.cost, work)
+    if more is None or more.fit.cost >= found.fit.cost:
+        return found, structure
+    return more, more.model.without_effect(BACKLASH)
 
 
 def _in_order(
