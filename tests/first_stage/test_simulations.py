@@ -8,9 +8,10 @@ from test_steps import BODY, LAG, VISCOUS, model
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
-from gsid.diagnosis.from_records import fit_laws
+from gsid.diagnosis.from_records import fit_laws, summary
 from gsid.diagnosis.from_records.confirm import LINEAR_PART
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.greybox import fit as greybox_fit
 
 # ---- the fit of the best law that was cut short -----------------------------------------------------
 
@@ -104,7 +105,7 @@ def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed,
             raise OutOfTime("")
         return SimpleNamespace(cost=1.0, converged=True, unsettled=[], model=model)
 
-    monkeypatch.setattr(confirming, "fit_plant", fit_plant)
+    monkeypatch.setattr(confirming, "try_fit", fit_plant)
     monkeypatch.setattr(confirming, "judged", lambda fit, effects, settings: simulated_law(fit, effects))
     monkeypatch.setattr(confirming.Simulations, "_settles", lambda *_: True)
     deadline = Deadline().bounded(left * unit)
@@ -158,3 +159,19 @@ def test_bug_without_a_fit_of_the_linear_part_nothing_was_tried(monkeypatch):
     run.pruned = lambda model: model
     assert fit_laws._fitted_null(run, fits) == "a fit"
     assert (tried, fits.not_tried) == (["draft", "stack"], {})
+
+
+# ---- a simulation without a steady state ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("names", [[], ["low.csv", "record 2"]])
+def test_only_the_fit_of_the_result_is_doubted_for_its_steady_state(monkeypatch, caplog, names):
+    """Each trial fit of a stop warned, and the result that leaves only noise was not to be trusted."""
+    fit = SimpleNamespace(unsettled=names)
+    monkeypatch.setattr(greybox_fit, "try_fit", lambda *_, **__: fit)
+    assert greybox_fit.fit_plant(None, []) is fit
+    text = "no steady state was found for low.csv, record 2: do not trust this fit"
+    assert [record.message for record in caplog.records] == ([text] if names else [])
+    found = summary._unsettled(SimpleNamespace(fit=fit))
+    assert found == ([f"N{text[1:]}."] if names else [])
+    assert summary._unsettled(None) == []

@@ -129,7 +129,7 @@ def test_the_low_levels_are_fitted_from_the_given_values_as_well(monkeypatch, fa
             raise fault
         return SimpleNamespace(cost_per_dof=fault if begin == "fitted" else 1.0)
 
-    monkeypatch.setattr(seek_stop, "fit_plant", fit_plant)
+    monkeypatch.setattr(seek_stop, "try_fit", fit_plant)
     monkeypatch.setattr(seek_stop, "linear_start", lambda structure, quiet: structure)
     run = SimpleNamespace(on_step=lambda text: None, null=SimpleNamespace(model="fitted"), stack="given")
     run.given, run.known, run.band = "given", known, None

@@ -363,6 +363,44 @@ def fit_plant(
     OutOfTime
         The deadline was reached before the starting values were simulated.
     """
+    fit = try_fit(
+        model, records, band=band, fixed=fixed, per_record=per_record,
+        solver=solver, method=method, max_iter=max_iter, deadline=deadline,
+    )  # fmt: skip
+    if fit.unsettled:
+        _log.warning("%s", unsettled_text(fit))
+    return fit
+
+
+def unsettled_text(fit: PlantFit) -> str:
+    """Warning of a fit whose simulation reaches no steady state.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    """
+    return f"no steady state was found for {', '.join(fit.unsettled)}: do not trust this fit"
+
+
+def try_fit(
+    model: PlantModel,
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    band: tuple[float, float] | None = None,
+    fixed: Sequence[str] = (),
+    per_record: Sequence[str] = (),
+    solver: str = "lm",
+    method: str = "ml",
+    max_iter: int = SETTINGS.max_iter,
+    deadline: Deadline | None = None,
+) -> PlantFit:
+    """Fit as `fit_plant`, without its warning: for one of several fits, of which only some are reported.
+
+    Parameters
+    ----------
+    model, records, band, fixed, per_record, solver, method, max_iter, deadline
+        As `fit_plant`.
+    """
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if method not in METHODS:
@@ -375,7 +413,7 @@ def fit_plant(
     if is_open(measured) and not model.has_controller:
 
         def under(reading: str) -> PlantFit:
-            return fit_plant(
+            return try_fit(
                 model, read_as(measured, reading), band=band, fixed=fixed, per_record=per_record,
                 solver=solver, method=method, max_iter=max_iter, deadline=deadline,
             )  # fmt: skip
@@ -451,8 +489,6 @@ def _fitted(problem: Problem, minimum: Minimum, *, solver: str, method: str) -> 
         hold=problem.hold,
     )
     fit.model.fit = fit.summary()
-    if fit.unsettled:
-        _log.warning("no steady state was found for %s: do not trust this fit", ", ".join(fit.unsettled))
     return fit
 
 

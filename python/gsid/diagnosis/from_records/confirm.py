@@ -20,7 +20,7 @@ from gsid.diagnosis.from_records.play import (
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.leave_out import leave_out
-from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
+from gsid.greybox.fit import PlantFit, RecordFit, try_fit
 from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -286,7 +286,7 @@ class Simulations:
         slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
         for _ in range(slices):
             try:
-                fit = fit_plant(model, self.measured, band=self.band, max_iter=steps, deadline=deadline)
+                fit = try_fit(model, self.measured, band=self.band, max_iter=steps, deadline=deadline)
             except OutOfTime:
                 if fit is None:
                     raise

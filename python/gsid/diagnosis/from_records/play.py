@@ -18,7 +18,7 @@ from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
-from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.greybox.fit import PlantFit, try_fit
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -103,12 +103,12 @@ def fit_play_from(
     measured, band, beaten, deadline
         As `fit_play`.
     """
-    fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
+    fit = try_fit(start, measured, band=band, max_iter=LOOK, deadline=deadline)
     if fit.cost < FORGIVEN * without:
         fit = _beyond_the_walls(fit, measured, band, deadline)
     if fit.cost < beaten and not fit.converged:
         with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
-            fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
+            fit = try_fit(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
     return fit
 
 
@@ -140,18 +140,18 @@ def _restarts(
 ) -> Iterator[PlantFit]:
     """Fits to all records: grown from the record that is fitted best alone, then from each record alone."""
     how = {"band": band, "deadline": deadline}
-    alone = [fit_plant(fit.model, one, max_iter=LOOK, **how) for one in measured]
+    alone = [try_fit(fit.model, one, max_iter=LOOK, **how) for one in measured]
     order = sorted(range(len(measured)), key=lambda i: alone[i].cost_per_dof)
     further = alone[order[0]]
     if not further.converged:
-        further = fit_plant(further.model, measured[order[0]], max_iter=ALONE, **how)
+        further = try_fit(further.model, measured[order[0]], max_iter=ALONE, **how)
     for n in range(2, len(measured) + 1):
         chosen = [measured[i] for i in sorted(order[:n])]
-        further = fit_plant(further.model, chosen, max_iter=ALONE, **how)
+        further = try_fit(further.model, chosen, max_iter=ALONE, **how)
     yield further
     for i in order:
-        longer = fit_plant(alone[i].model, measured[i], max_iter=ALONE, **how)
-        yield fit_plant(longer.model, measured, max_iter=ALONE, **how)
+        longer = try_fit(alone[i].model, measured[i], max_iter=ALONE, **how)
+        yield try_fit(longer.model, measured, max_iter=ALONE, **how)
 
 
 def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
@@ -199,7 +199,7 @@ def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
     cost = 0.0
     for one in fit.records:
         others = [other.spectra for other in fit.records if other is not one]
-        without = fit_plant(fit.model, others, band=band, max_iter=LOOK, deadline=deadline)
+        without = try_fit(fit.model, others, band=band, max_iter=LOOK, deadline=deadline)
         cost += one.cost_of(without.model)
     return cost / len(fit.residual)
 

@@ -28,7 +28,7 @@ from gsid.diagnosis.from_records.stop_edges import (
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
-from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.greybox.fit import PlantFit, try_fit
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -101,7 +101,7 @@ def _adequate(run: Run, structures: Iterable[PlantModel], quiet: Sequence[Spectr
     for structure in structures:
         with suppress(GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
             begin = linear_start(structure, quiet)
-            low = fit_plant(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
+            low = try_fit(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
             if low.cost_per_dof <= run.settings.adequate:
                 yield low
 
@@ -139,5 +139,5 @@ def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline
     with_stop = nearest_start(low.model, edges, loud, deadline)
     chosen = [one.spectra for one in low.records] + [loud[edges.record]]
     how = {"band": run.band, "max_iter": STEPS, "deadline": deadline}
-    one = fit_plant(with_stop, chosen, **how)
-    return fit_plant(one.model, run.measured, **how)
+    one = try_fit(with_stop, chosen, **how)
+    return try_fit(one.model, run.measured, **how)

@@ -22,7 +22,7 @@ from gsid.diagnosis.from_records.short_list import started
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.diagnosis.next_experiment import advice
-from gsid.greybox.fit import PlantFit
+from gsid.greybox.fit import PlantFit, unsettled_text
 from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
@@ -85,12 +85,18 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.given and run.null else None,
-        remarks=run.notes,
+        remarks=[*run.notes, *_unsettled(final or run.null)],
         basis=basis,
         probabilities=known,
         interrupted=run.interrupted,
         ripple=shown.ripple,
     )
+
+
+def _unsettled(shown: Simulated | None) -> list[str]:
+    """Warning of the fit that the result is of; those of the others say nothing of it."""
+    text = unsettled_text(shown.fit) if shown is not None and shown.fit.unsettled else ""
+    return [f"{text[0].upper()}{text[1:]}."] if text else []
 
 
 def _as_given(run: Run, model: PlantModel | None) -> PlantModel | None:
