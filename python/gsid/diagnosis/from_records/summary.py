@@ -94,7 +94,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
 
 
 def _unsettled(shown: Simulated | None) -> list[str]:
-    """Warning of the fit that the result is of; those of the others say nothing of it."""
+    """Warning of the fit that the result is of; those of the trials tell nothing of it."""
     text = unsettled_text(shown.fit) if shown is not None and shown.fit.unsettled else ""
     return [f"{text[0].upper()}{text[1:]}."] if text else []
 
