@@ -1,5 +1,6 @@
 """A cubic spring that a constant torque has shifted, and the cogging that looks like it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import hard
@@ -12,6 +13,7 @@ import gsid
 from gsid.diagnosis.from_records.working_point import (
     cubic_in_place_of_cogging,
     cubic_in_place_of_unbalance,
+    unbalance_in_place_of_cubic,
 )
 
 COGGING = {"motor_cogging": {"level": 600.0, "cycles_per_rev": 12.0, "phase_rad": 2.6}}
@@ -101,6 +103,41 @@ def test_there_is_none_that_falls_in_its_middle():
     level = 66 * values(plant, "cable_spring")["stiffness"]
     steep = plant.with_effect("mass_unbalance", {"level": level, "angle_deg": 150.0})
     assert cubic_in_place_of_unbalance(fitted(steep)) is None
+
+
+@pytest.mark.parametrize("stiffness", [0.4, -0.02])
+def test_an_unbalance_has_the_torque_of_a_shifted_cubic_spring(stiffness):
+    """Slope and curvature about the mean angle, by differences; the constant torque is in the angle."""
+    plant = model(BODY, VISCOUS, SPRING)
+    k = values(plant, "cable_spring")["stiffness"]
+    plant = plant.with_effect("cubic_spring", {"stiffness": stiffness})
+    shifted = plant.with_effect("torque_bias", {"level": -7.0})
+    found = unbalance_in_place_of_cubic(fitted(shifted))
+    t = np.array([-0.01, 0.0, 0.01])
+    torque = k * (MEAN_DEG + t) + stiffness * (MEAN_DEG + t) ** 3
+    law = values(found, "mass_unbalance")
+    at_rest = np.deg2rad(law["angle_deg"])
+    other = values(found, "cable_spring")["stiffness"] * t
+    other = other + law["level"] * (np.sin(np.deg2rad(t) + at_rest) - np.sin(at_rest))
+    np.testing.assert_allclose(np.diff(other), np.diff(torque), rtol=1e-6)
+    np.testing.assert_allclose(np.diff(other, 2), np.diff(torque, 2), rtol=1e-3)
+    assert found.stack().keys().isdisjoint({"cubic_spring", "torque_bias"})
+
+
+def test_there_is_no_unbalance_without_a_shift_or_on_an_axis_that_does_not_turn():
+    plant = model(BODY, VISCOUS, SPRING).with_effect("cubic_spring", {"stiffness": 0.4})
+    assert unbalance_in_place_of_cubic(fitted(plant)) is None
+    shifted = plant.with_effect("torque_bias", {"level": -7.0})
+    sliding = replace(shifted, angle_unit="m")
+    assert unbalance_in_place_of_cubic(fitted(sliding)) is None
+
+
+def test_bug_a_cubic_spring_was_named_and_the_unbalance_was_never_fitted():
+    """The first stage took it for a cogging, in whose place only cubic springs were tried (110014, 26)."""
+    trial = hard.make_hard(110014, 26, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert found.verdict == "missing_effect"
+    assert "mass_unbalance" in found.effects
 
 
 def test_bug_a_weak_stiffening_spring_was_an_unbalance():

@@ -23,8 +23,10 @@ from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKN
 from gsid.diagnosis.from_records.working_point import (
     BIAS,
     CUBIC,
+    UNBALANCE,
     cubic_in_place_of_cogging,
     cubic_in_place_of_unbalance,
+    unbalance_in_place_of_cubic,
 )
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
@@ -195,6 +197,7 @@ def _add_bias(run: Run, fits: Simulations) -> None:
         if fitted is not None and evidence.is_worse(one, fitted):
             run.laws[i] = fitted
     _try_cubic(run, fits, best)
+    _try_unbalance(run, fits)
     _try_stop(run, fits, best)
     run.decide()
 
@@ -204,6 +207,14 @@ def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
     if CUBIC not in run.without:
         start = cubic_in_place_of_cogging(best) or cubic_in_place_of_unbalance(best)
         _try_in_place(run, fits, start, CUBIC, best)
+
+
+def _try_unbalance(run: Run, fits: Simulations) -> None:
+    """An unbalance in place of a shifted cubic spring, if no fit of one is known: each may be the other."""
+    known = {one.effects[0]: one for one in run.laws}
+    if UNBALANCE not in {*run.without, *known} and CUBIC in known:
+        start = unbalance_in_place_of_cubic(known[CUBIC])
+        _try_in_place(run, fits, start, UNBALANCE, known[CUBIC])
 
 
 def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:

@@ -1,4 +1,4 @@
-"""A cubic spring at another working point than 0, from the law of the angle that was fitted in its place.
+"""A cubic spring at another working point than 0, and the laws of the angle that may take its place.
 
 Cogging with its phase is any smooth law of the angle near one of its inflections, and an unbalance one whose
 torque is a square. A cubic spring that a constant torque has shifted is such a law: the first stage, which
@@ -36,16 +36,15 @@ def cubic_in_place_of_cogging(fitted: Simulated) -> PlantModel | None:
         None without cogging or without a spring, or if the torque falls with the angle at the inflection: a
         spring does not.
     """
-    model = fitted.model
-    by_id = {effect.id: (label, effect) for label, effect in model.labels()}
-    if COGGING not in by_id or SPRING not in by_id or CUBIC in by_id:
+    model, stack = fitted.model, fitted.model.stack()
+    if COGGING not in stack or SPRING not in stack or CUBIC in stack:
         return None
-    level, cycles, phase = (param.value for param in by_id[COGGING][1].params.values())
+    level, cycles, phase = stack[COGGING].values()
     wave = cycles * RADIANS[model.angle_unit]
     mean = _mean_angle(fitted)
     m = round((wave * mean + phase) / math.pi)
     inflection, side = (m * math.pi - phase) / wave, (-1.0) ** m
-    spring = by_id[SPRING][1].params["stiffness"].value
+    spring = stack[SPRING]["stiffness"]
     stiffness = spring + side * level * wave
     if stiffness < 0:
         return None
@@ -68,14 +67,12 @@ def cubic_in_place_of_unbalance(fitted: Simulated) -> PlantModel | None:
     PlantModel or None
         None without unbalance or without a spring, or if the torque would fall with the angle in the middle.
     """
-    model = fitted.model
-    by_id = {effect.id: (label, effect) for label, effect in model.labels()}
-    if UNBALANCE not in by_id or SPRING not in by_id or CUBIC in by_id:
+    model, stack = fitted.model, fitted.model.stack()
+    if UNBALANCE not in stack or SPRING not in stack or CUBIC in stack:
         return None
-    level, at_rest_deg = (param.value for param in by_id[UNBALANCE][1].params.values())
-    wave, at_rest = RADIANS[model.angle_unit], math.radians(at_rest_deg)
-    mean, phase = _mean_angle(fitted), wave * _mean_angle(fitted) + at_rest
-    spring = by_id[SPRING][1].params["stiffness"].value
+    level, at_rest_deg = stack[UNBALANCE].values()
+    wave, at_rest, mean = RADIANS[model.angle_unit], math.radians(at_rest_deg), _mean_angle(fitted)
+    phase, spring = wave * mean + at_rest, stack[SPRING]["stiffness"]
     torque = spring * mean + level * (math.sin(phase) - math.sin(at_rest))
     slope, half_curvature = spring + level * wave * math.cos(phase), -level * wave**2 * math.sin(phase) / 2
     shift = math.copysign(_half_travel(fitted), half_curvature)  # of the mean angle from the middle
@@ -85,6 +82,36 @@ def cubic_in_place_of_unbalance(fitted: Simulated) -> PlantModel | None:
         return None
     bias = torque - stiffness * shift - cubic * shift**3
     return _in_place_of(model, UNBALANCE, stiffness, cubic, bias)
+
+
+def unbalance_in_place_of_cubic(fitted: Simulated) -> PlantModel | None:
+    """The model with an unbalance that has the slope and the curvature of its cubic spring at the mean angle.
+
+    The angle of the unbalance is counted from the mean, where the constant torque of the cubic spring has put
+    the axis: it needs none of its own.
+
+    Parameters
+    ----------
+    fitted : Simulated
+
+    Returns
+    -------
+    PlantModel or None
+        None without a cubic spring that a constant torque has shifted, with an unbalance, if the axis does not
+        turn, or if the torque falls with the angle at the mean.
+    """
+    model, stack = fitted.model, fitted.model.stack()
+    if not {CUBIC, BIAS, SPRING} <= stack.keys() or UNBALANCE in stack or model.angle_unit == "m":
+        return None
+    cubic, mean, wave = stack[CUBIC]["stiffness"], _mean_angle(fitted), RADIANS[model.angle_unit]
+    half_curvature = 3 * cubic * mean
+    slope = stack[SPRING]["stiffness"] + 3 * cubic * mean**2
+    if slope < 0:
+        return None
+    found = model.without_effect(CUBIC).without_effect(BIAS)
+    found[f"{SPRING}.stiffness"].value = slope
+    params = {"level": 2 * abs(half_curvature) / wave**2, "angle_deg": math.copysign(90.0, -half_curvature)}
+    return found.with_effect(UNBALANCE, params)
 
 
 def _mean_angle(fitted: Simulated) -> float:
