@@ -29,5 +29,5 @@ const gsid_effect_facts FACTS(drive_quantization) = {
     .as_c = "copysignf({step} * floorf(fabsf(u) / {step} + 0.5f), u)",
     .parameter = {{.grid = {GSID_SPACING_ROUNDING, GSID_SHARE_OF_COMMAND, R(3.0), R(1500.0), R(1.0) / 3, 0, NULL,
                             "at the largest command the rounding of neighbours differs by a third of a step; "
-                            "the finest changes the command by 0.02 %"}}},
+                            "the error of the finest has an rms of 0.02 % of it"}}},
 };

@@ -184,7 +184,7 @@ def test_more_friction_during_little_of_the_time_counts_by_its_peak(share, want)
 
 
 def test_bug_a_friction_that_doubles_below_a_60th_of_the_rate_was_excluded():
-    """Its torque differs from a Coulomb friction during 3 % of the time; no cost tells them (109011, 3)."""
+    """No cost tells it from Coulomb friction: 1.6 times below a 37th is not excluded (109011, 3)."""
     trial = hard.make_hard(109011, 3, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
     assert found.verdict == MISSING

@@ -248,7 +248,7 @@ def test_bug_the_linear_fit_of_a_structure_used_up_the_work_of_the_other_fits(mo
             raise OutOfTime("")
         return null
 
-    monkeypatch.setattr(seek_play, "try_fit", fit_plant)
+    monkeypatch.setattr(seek_play, "fit_plant", fit_plant)
     monkeypatch.setattr(seek_play, "linear_start", lambda structure, measured: structure)
     structure, work = object(), Deadline().bounded(DEFAULTS.moves_of_play)
     run = SimpleNamespace(
@@ -304,7 +304,7 @@ def fit_of(path, cost):
 
 def restarted(monkeypatch, costs):
     fits = Costs(costs)
-    monkeypatch.setattr(play, "try_fit", fits)
+    monkeypatch.setattr(play, "fit_plant", fits)
     found = play._beyond_the_walls(fit_of("", 900.0), ["a", "b", "c"], None, Deadline())
     return found.model, fits.paths
 
@@ -344,7 +344,7 @@ def test_play_is_judged_by_refits_without_each_record(monkeypatch):
         left.append((model, others))
         return SimpleNamespace(model=f"without {'b' if others == ['a'] else 'a'}")
 
-    monkeypatch.setattr(play, "try_fit", fit_plant)
+    monkeypatch.setattr(play, "fit_plant", fit_plant)
     kept = play.kept_by_refits(steps_of({"without a": 3.0, "without b": 9.0}), None, Deadline())
     assert left == [("all", ["b"]), ("all", ["a"])]
     assert kept == 12.0 / 10
@@ -394,7 +394,7 @@ def test_play_is_named_from_the_records_alone():
 def test_play_that_is_not_named_is_not_fitted_again(monkeypatch):
     """A bug: a diagnosis that could not name play took up to 88 s, and then fitted it once more."""
     fitted = []
-    monkeypatch.setattr(equal_weights, "try_fit", lambda *_, **__: fitted.append(True))
+    monkeypatch.setattr(equal_weights, "fit_plant", lambda *_, **__: fitted.append(True))
     run = SimpleNamespace(
         final=SimpleNamespace(effects=("gear_backlash",)),
         evidence=lambda: SimpleNamespace(is_adequate=lambda one: False),

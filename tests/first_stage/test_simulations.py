@@ -1,11 +1,13 @@
 """Fits by simulation within a budget of work: cut short, carried on, bounded, or not begun."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_steps import BODY, LAG, VISCOUS, model
 
+import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import fit_laws, summary
@@ -98,14 +100,14 @@ def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed,
     """In units of the work of one fit. A fit that takes too long leaves work for the others."""
     unit = DEFAULTS.moves_of_fit
 
-    def fit_plant(model, measured, *, band, max_iter, deadline):
+    def fit_plant(model, measured, *, band, max_iter, deadline, quiet):
         is_enough = deadline.moves_left >= needed * unit
         deadline.spend(needed * unit)
         if not is_enough:
             raise OutOfTime("")
         return SimpleNamespace(cost=1.0, converged=True, unsettled=[], model=model)
 
-    monkeypatch.setattr(confirming, "try_fit", fit_plant)
+    monkeypatch.setattr(confirming, "fit_plant", fit_plant)
     monkeypatch.setattr(confirming, "judged", lambda fit, effects, settings: simulated_law(fit, effects))
     monkeypatch.setattr(confirming.Simulations, "_settles", lambda *_: True)
     deadline = Deadline().bounded(left * unit)
@@ -125,6 +127,11 @@ def test_play_has_work_of_its_own(monkeypatch):
     fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
     assert fits.fit_play(SimpleNamespace(cost=0.0, n_dof=1), None, 0.0) is None
     assert given == [DEFAULTS.moves_of_play]
+
+
+def settled(fit):
+    """The fit as one that needs no further slice."""
+    return SimpleNamespace(converged=True, cost=1.0, **vars(fit))
 
 
 def simulated_law(fit, effects):
@@ -165,13 +172,30 @@ def test_bug_without_a_fit_of_the_linear_part_nothing_was_tried(monkeypatch):
 
 
 @pytest.mark.parametrize("names", [[], ["low.csv", "record 2"]])
-def test_only_the_fit_of_the_result_is_doubted_for_its_steady_state(monkeypatch, caplog, names):
+def test_only_the_fit_of_the_result_is_doubted_for_its_steady_state(monkeypatch, names):
     """Each trial fit of a stop warned, and the result that leaves only noise was not to be trusted."""
     fit = SimpleNamespace(unsettled=names)
-    monkeypatch.setattr(greybox_fit, "try_fit", lambda *_, **__: fit)
-    assert greybox_fit.fit_plant(None, []) is fit
-    text = "no steady state was found for low.csv, record 2: do not trust this fit"
-    assert [record.message for record in caplog.records] == ([text] if names else [])
-    found = summary._unsettled(SimpleNamespace(fit=fit))
-    assert found == ([f"N{text[1:]}."] if names else [])
+    fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None)
+    asked = []
+    monkeypatch.setattr(confirming, "fit_plant", lambda *_, **how: asked.append(how["quiet"]) or settled(fit))
+    fits._in_slices(None, None, Deadline())
+    assert asked == [True]
+    text = ["No steady state was found for low.csv, record 2: do not trust this fit."]
+    assert summary._unsettled(SimpleNamespace(fit=fit)) == (text if names else [])
     assert summary._unsettled(None) == []
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_fit_warns_of_a_simulation_without_a_steady_state_unless_it_is_quiet(monkeypatch, caplog, quiet):
+    plant = model(BODY, VISCOUS)
+    rng = np.random.default_rng(20261127)
+    u = np.tile(rng.normal(size=200), 4)
+    y = np.tile(rng.normal(size=200), 4) + 0.01 * rng.normal(size=800)
+    record = gsid.Record(u, y, plant.fs_hz, 200, 0, hold="zoh")
+    fitted = greybox_fit._fitted
+    monkeypatch.setattr(
+        greybox_fit, "_fitted", lambda *how, **more: replace(fitted(*how, **more), unsettled=["low.csv"])
+    )
+    greybox_fit.fit_plant(plant, record, max_iter=1, quiet=quiet)
+    text = "no steady state was found for low.csv: do not trust this fit"
+    assert caplog.messages == ([] if quiet else [text])

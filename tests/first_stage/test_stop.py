@@ -122,14 +122,14 @@ def test_the_low_levels_are_fitted_from_the_given_values_as_well(monkeypatch, fa
     """Each start has work of its own."""
     work = []
 
-    def fit_plant(begin, quiet, *, band, max_iter, deadline):
+    def fit_plant(begin, records, *, band, max_iter, deadline, quiet):
         work.append(deadline.moves_left)
         deadline.spend(deadline.moves_left)
         if begin == "fitted" and isinstance(fault, Exception):
             raise fault
         return SimpleNamespace(cost_per_dof=fault if begin == "fitted" else 1.0)
 
-    monkeypatch.setattr(seek_stop, "try_fit", fit_plant)
+    monkeypatch.setattr(seek_stop, "fit_plant", fit_plant)
     monkeypatch.setattr(seek_stop, "linear_start", lambda structure, quiet: structure)
     run = SimpleNamespace(on_step=lambda text: None, null=SimpleNamespace(model="fitted"), stack="given")
     run.given, run.known, run.band = "given", known, None
@@ -197,11 +197,12 @@ def test_a_stop_that_the_axis_may_not_reach_is_the_narrowest_near_the_record(mon
 
 
 @pytest.mark.long
-def test_bug_an_element_of_the_quiet_records_alone_stood_for_the_lag():
+def test_bug_an_element_of_the_quiet_records_alone_stood_for_the_lag(caplog):
     """Their 139 lines chose a mode above the band, with which the stop was not found (109014, 27)."""
     trial = hard.make_hard(109014, 27, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
     assert (found.verdict, found.effects) == ("missing_effect", ("hard_stop",))
+    assert not any("steady state" in text for text in [*caplog.messages, *found.remarks])  # of fits given up
     assert found.model["hard_stop.angle_deg"].value == pytest.approx(
         trial.key["truth"]["stop_angle_deg"], rel=0.001
     )

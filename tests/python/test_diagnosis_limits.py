@@ -125,7 +125,7 @@ def test_bug_a_fit_with_equal_weights_that_was_cut_gave_its_values(monkeypatch):
         run.deadline.stop()
         return SimpleNamespace(converged=False)
 
-    monkeypatch.setattr(equal_weights, "try_fit", cut)
+    monkeypatch.setattr(equal_weights, "fit_plant", cut)
     equal_weights.weigh_model_error(run)
     assert run.final is final
     assert run.laws == [final]
@@ -139,7 +139,7 @@ def test_bug_a_fit_with_equal_weights_that_cannot_be_simulated_ended_the_diagnos
     def refuse(*_, **__):
         raise SimulationError(-7, "the plant cannot be simulated", "")
 
-    monkeypatch.setattr(equal_weights, "try_fit", refuse)
+    monkeypatch.setattr(equal_weights, "fit_plant", refuse)
     equal_weights.weigh_model_error(run)
     assert run.final is final
 
@@ -196,7 +196,7 @@ def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):
         raise OutOfTime("the time is over")
 
     monkeypatch.setattr(play, "joint_start", lambda *_, **__: "a start")
-    monkeypatch.setattr(play, "try_fit", fit_plant)
+    monkeypatch.setattr(play, "fit_plant", fit_plant)
     null = SimpleNamespace(cost=100.0)
     assert play.fit_play(null, None, [], None, 90.0, Deadline()) is first
 

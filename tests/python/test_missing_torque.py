@@ -146,7 +146,9 @@ def test_what_rounding_changes_is_in_proportion_to_that_of_the_law():
     steps = law.points({"largest command": float(np.max(np.abs(command)))})
     want = mapped(law, steps, command) @ weights - command @ weights
     found = changes_by_rounding(command, weights, steps[:, 0])
-    assert np.corrcoef(found / steps[:, 0], want / steps[:, 0])[0, 1] > 0.95
+    alike = np.corrcoef(found / steps[:, 0], want / steps[:, 0])[0, 1]
+    print("correlation", alike)
+    assert alike > 0.95  # 0.964 is the root of the 93 %; the bins take a little
     coarse = steps[:, 0] > np.max(np.abs(command)) / 40  # of these also the best one is the same
     assert np.argmax(found[coarse]) == np.argmax(want[coarse])
 

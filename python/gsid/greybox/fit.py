@@ -314,6 +314,7 @@ def fit_plant(
     method: str = "ml",
     max_iter: int = SETTINGS.max_iter,
     deadline: Deadline | None = None,
+    quiet: bool = False,
 ) -> PlantFit:
     """Fit the free parameters of a plant to records (GBX-1, GBX-2, GBX-4).
 
@@ -345,6 +346,9 @@ def fit_plant(
     deadline : Deadline, optional
         Time at which the search ends with the best values so far, not converged. A running simulation is
         stopped.
+    quiet : bool
+        Do not log that a simulation reaches no steady state: for one of several fits, of which only some are
+        reported.
 
     Returns
     -------
@@ -363,44 +367,6 @@ def fit_plant(
     OutOfTime
         The deadline was reached before the starting values were simulated.
     """
-    fit = try_fit(
-        model, records, band=band, fixed=fixed, per_record=per_record,
-        solver=solver, method=method, max_iter=max_iter, deadline=deadline,
-    )  # fmt: skip
-    if fit.unsettled:
-        _log.warning("%s", unsettled_text(fit))
-    return fit
-
-
-def unsettled_text(fit: PlantFit) -> str:
-    """Warning of a fit whose simulation reaches no steady state.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    """
-    return f"no steady state was found for {', '.join(fit.unsettled)}: do not trust this fit"
-
-
-def try_fit(
-    model: PlantModel,
-    records: Record | Spectra | Sequence[Record | Spectra],
-    *,
-    band: tuple[float, float] | None = None,
-    fixed: Sequence[str] = (),
-    per_record: Sequence[str] = (),
-    solver: str = "lm",
-    method: str = "ml",
-    max_iter: int = SETTINGS.max_iter,
-    deadline: Deadline | None = None,
-) -> PlantFit:
-    """Fit as `fit_plant`, without its warning: for one of several fits, of which only some are reported.
-
-    Parameters
-    ----------
-    model, records, band, fixed, per_record, solver, method, max_iter, deadline
-        As `fit_plant`.
-    """
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if method not in METHODS:
@@ -413,9 +379,9 @@ def try_fit(
     if is_open(measured) and not model.has_controller:
 
         def under(reading: str) -> PlantFit:
-            return try_fit(
+            return fit_plant(
                 model, read_as(measured, reading), band=band, fixed=fixed, per_record=per_record,
-                solver=solver, method=method, max_iter=max_iter, deadline=deadline,
+                solver=solver, method=method, max_iter=max_iter, deadline=deadline, quiet=quiet,
             )  # fmt: skip
 
         return likelier_fit(fit_readings(under))
@@ -426,7 +392,20 @@ def try_fit(
     problem = Problem(start, measured, band, tuple(per_record), deadline)
     with ThreadPoolExecutor(n_threads(len(measured))) as pool:
         minimum = problem.minimise(solver, method, max_iter, pool)
-    return _fitted(problem, minimum, solver=solver, method=method)
+    fit = _fitted(problem, minimum, solver=solver, method=method)
+    if fit.unsettled and not quiet:
+        _log.warning("%s", unsettled_text(fit))
+    return fit
+
+
+def unsettled_text(fit: PlantFit) -> str:
+    """Warning of a fit whose simulation reaches no steady state.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    """
+    return f"no steady state was found for {', '.join(fit.unsettled)}: do not trust this fit"
 
 
 def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:

@@ -20,7 +20,7 @@ from gsid.diagnosis.from_records.play import (
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.leave_out import leave_out
-from gsid.greybox.fit import PlantFit, RecordFit, try_fit
+from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -229,7 +229,7 @@ class Simulations:
         return self._play(lambda: fit_play(null, given, self.measured, self.band, beaten, deadline, **how))
 
     def fit_hidden_mode(self, found: Simulated, without: float, deadline: Deadline) -> Simulated | None:
-        """Fit a fit with play again with the mode that explains most of what it leaves; None without one.
+        """Repeat a fit of play with the mode that explains most of what it leaves; None without such a mode.
 
         Parameters
         ----------
@@ -243,8 +243,8 @@ class Simulations:
         if model is None:
             return None
         self.on_step(f"fitting {BACKLASH} and a mode by simulation")
-        how = self.measured, self.band, found.fit.cost, deadline
-        return self._play(lambda: fit_play_from(model, without, *how))
+        beaten = found.fit.cost
+        return self._play(lambda: fit_play_from(model, without, self.measured, self.band, beaten, deadline))
 
     def _play(self, fitted: Callable[[], PlantFit | None]) -> Simulated | None:
         """A fit of play, judged; None if there is none."""
@@ -286,7 +286,8 @@ class Simulations:
         slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
         for _ in range(slices):
             try:
-                fit = try_fit(model, self.measured, band=self.band, max_iter=steps, deadline=deadline)
+                how = {"band": self.band, "max_iter": steps, "deadline": deadline, "quiet": True}
+                fit = fit_plant(model, self.measured, **how)
             except OutOfTime:
                 if fit is None:
                     raise

@@ -8,7 +8,7 @@ from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.ripple import remaining_ripple
 from gsid.diagnosis.from_records.run import Run
-from gsid.greybox.fit import try_fit
+from gsid.greybox.fit import fit_plant
 from gsid.plant.linear_response import BACKLASH
 
 
@@ -27,10 +27,10 @@ def weigh_model_error(run: Run) -> None:
         return  # a fit with play takes ten times as long, and no name rests on it
     with run.timed("fit with equal weights"):
         run.on_step("fitting with equal weights")
-        how = {"band": run.band, "method": "nls-output", "deadline": run.deadline}
+        how = {"band": run.band, "method": "nls-output", "deadline": run.deadline, "quiet": True}
         try:
             run.deadline.check()
-            fit = try_fit(run.final.model, run.measured, **how)
+            fit = fit_plant(run.final.model, run.measured, **how)
         except (GsidError, InputError, OutOfTime):
             return
         if not fit.converged and run.deadline.is_used_up:

@@ -23,7 +23,7 @@ from gsid.diagnosis.from_records.verdict import (
     Decision,
 )
 from gsid.effects.types import catalogue
-from gsid.greybox.fit import require_motion, try_fit
+from gsid.greybox.fit import fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import has_common_zero
 from gsid.plant.model import PlantModel, check_plant
@@ -150,7 +150,7 @@ def _take(run: Run, model: PlantModel) -> None:
     if laws:
         run.on_step("fitting the given model by simulation")
         model = linear_start(model, run.measured)
-        fitted = try_fit(model, run.measured, band=run.band, deadline=run.deadline)
+        fitted = fit_plant(model, run.measured, band=run.band, deadline=run.deadline, quiet=True)
         require_motion(fitted)
         run.measured = read_as(run.measured, fitted.hold) if fitted.hold_assumed else run.measured
         run.keep(fitted.model)

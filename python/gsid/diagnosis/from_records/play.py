@@ -18,7 +18,7 @@ from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
-from gsid.greybox.fit import PlantFit, try_fit
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -103,12 +103,13 @@ def fit_play_from(
     measured, band, beaten, deadline
         As `fit_play`.
     """
-    fit = try_fit(start, measured, band=band, max_iter=LOOK, deadline=deadline)
+    how = {"band": band, "deadline": deadline, "quiet": True}
+    fit = fit_plant(start, measured, max_iter=LOOK, **how)
     if fit.cost < FORGIVEN * without:
         fit = _beyond_the_walls(fit, measured, band, deadline)
     if fit.cost < beaten and not fit.converged:
         with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
-            fit = try_fit(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
+            fit = fit_plant(fit.model, measured, max_iter=FURTHER, **how)
     return fit
 
 
@@ -139,19 +140,19 @@ def _restarts(
     fit: PlantFit, measured: Sequence[Spectra], band: tuple[float, float] | None, deadline: Deadline
 ) -> Iterator[PlantFit]:
     """Fits to all records: grown from the record that is fitted best alone, then from each record alone."""
-    how = {"band": band, "deadline": deadline}
-    alone = [try_fit(fit.model, one, max_iter=LOOK, **how) for one in measured]
+    how = {"band": band, "deadline": deadline, "quiet": True}
+    alone = [fit_plant(fit.model, one, max_iter=LOOK, **how) for one in measured]
     order = sorted(range(len(measured)), key=lambda i: alone[i].cost_per_dof)
     further = alone[order[0]]
     if not further.converged:
-        further = try_fit(further.model, measured[order[0]], max_iter=ALONE, **how)
+        further = fit_plant(further.model, measured[order[0]], max_iter=ALONE, **how)
     for n in range(2, len(measured) + 1):
         chosen = [measured[i] for i in sorted(order[:n])]
-        further = try_fit(further.model, chosen, max_iter=ALONE, **how)
+        further = fit_plant(further.model, chosen, max_iter=ALONE, **how)
     yield further
     for i in order:
-        longer = try_fit(alone[i].model, measured[i], max_iter=ALONE, **how)
-        yield try_fit(longer.model, measured, max_iter=ALONE, **how)
+        longer = fit_plant(alone[i].model, measured[i], max_iter=ALONE, **how)
+        yield fit_plant(longer.model, measured, max_iter=ALONE, **how)
 
 
 def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
@@ -199,7 +200,8 @@ def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
     cost = 0.0
     for one in fit.records:
         others = [other.spectra for other in fit.records if other is not one]
-        without = try_fit(fit.model, others, band=band, max_iter=LOOK, deadline=deadline)
+        how = {"band": band, "max_iter": LOOK, "deadline": deadline, "quiet": True}
+        without = fit_plant(fit.model, others, **how)
         cost += one.cost_of(without.model)
     return cost / len(fit.residual)
 

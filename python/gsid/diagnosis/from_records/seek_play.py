@@ -23,7 +23,7 @@ from gsid.diagnosis.from_records.play_structures import (
 )
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
-from gsid.greybox.fit import PlantFit, try_fit
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -141,7 +141,8 @@ def _null_of(run: Run, structure: PlantModel, work: Deadline) -> PlantFit | None
     """The fit of a structure without play, begun at its response; None if it cannot be simulated."""
     try:
         begin = linear_start(structure, run.measured)
-        return try_fit(begin, run.measured, band=run.band, max_iter=NULL_STEPS, deadline=work)
+        how = {"band": run.band, "max_iter": NULL_STEPS, "deadline": work, "quiet": True}
+        return fit_plant(begin, run.measured, **how)
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return None
 

@@ -7,7 +7,6 @@ records of the lower levels alone show the true linear part, beside which the ed
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from gsid.diagnosis.from_records.stop_edges import (
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
-from gsid.greybox.fit import PlantFit, try_fit
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -99,11 +98,14 @@ def _linear_part_of(run: Run, quiet: Sequence[Spectra]) -> PlantFit | None:
 def _adequate(run: Run, structures: Iterable[PlantModel], quiet: Sequence[Spectra]) -> Iterator[PlantFit]:
     """Fits of the structures that leave only noise."""
     for structure in structures:
-        with suppress(GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        try:
             begin = linear_start(structure, quiet)
-            low = try_fit(begin, quiet, band=run.band, max_iter=STEPS, deadline=_own_work(run))
-            if low.cost_per_dof <= run.settings.adequate:
-                yield low
+            how = {"band": run.band, "max_iter": STEPS, "deadline": _own_work(run), "quiet": True}
+            low = fit_plant(begin, quiet, **how)
+        except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+            continue
+        if low.cost_per_dof <= run.settings.adequate:
+            yield low
 
 
 def _given_structures(run: Run, quiet: Sequence[Spectra]) -> Iterator[PlantModel]:
@@ -138,6 +140,6 @@ def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline
     run.on_step(f"fitting {STOP} by simulation")
     with_stop = nearest_start(low.model, edges, loud, deadline)
     chosen = [one.spectra for one in low.records] + [loud[edges.record]]
-    how = {"band": run.band, "max_iter": STEPS, "deadline": deadline}
-    one = try_fit(with_stop, chosen, **how)
-    return try_fit(one.model, run.measured, **how)
+    how = {"band": run.band, "max_iter": STEPS, "deadline": deadline, "quiet": True}
+    one = fit_plant(with_stop, chosen, **how)
+    return fit_plant(one.model, run.measured, **how)

@@ -154,8 +154,9 @@ class DecisionSettings:
         Least difference of the torque of a larger law from that of the best one, over its rms or its peak,
         for a shape that matters: a friction that is twice as large at low speed differs by 0.2 to 0.4.
     seldom : float
-        Share of the time during which a difference from the peak is exceeded: a Stribeck friction of 2.2
-        times the Coulomb friction at a 50th of the largest rate differed during 5 %, and by 8 % of the rms.
+        Share of the time during which the difference over the peak is exceeded: a Stribeck friction that was
+        lost was as likely as one of 1.6 times the Coulomb friction below a 37th of the largest rate, which
+        differs by 8 % of the rms, and during 2 % of the time by 22 % of the peak.
     peak_most : float
         Largest peak of such a torque, over that of the best law: more friction at rest is unusual.
     member_ratio : float

@@ -97,8 +97,8 @@ def unbalance_in_place_of_cubic(fitted: Simulated) -> PlantModel | None:
     Returns
     -------
     PlantModel or None
-        None without a cubic spring that a constant torque has shifted, with an unbalance, if the axis does not
-        turn, or if the torque falls with the angle at the mean.
+        None without a cubic spring that a constant torque has shifted, beside another unbalance, if the axis
+        does not turn, or if the torque falls with the angle at the mean.
     """
     model, stack = fitted.model, fitted.model.stack()
     if not {CUBIC, BIAS, SPRING} <= stack.keys() or UNBALANCE in stack or model.angle_unit == "m":
