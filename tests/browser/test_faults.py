@@ -27,6 +27,8 @@ def messages_of(page):
     page.route_web_socket("**/changes", relay)
     page.reload()
     page.get_by_text("connected", exact=True).wait_for()
+    while not sent:  # the connection opens before the first state arrives
+        page.wait_for_timeout(20)
 
 
 def test_a_lost_server_is_an_error_in_words(page, record, studio, faults):
