@@ -10,9 +10,9 @@
 #define ROUNDING_UNIT DBL_EPSILON
 #endif
 
-/* Lags shorter than this part of a sample are taken as delays: the difference is of second order. It also bounds the
- * rates that the series below have to follow. */
-#define INSTANT GSID_R(1e-3)
+/* Lags shorter than this part of a sample are taken as delays: the difference is of second order, 1.2e-4 of the response
+ * at half the sample rate. It also bounds the rates that the series below have to follow. */
+#define INSTANT GSID_R(5e-3)
 
 /* With |A t| <= 1/2 the next term, 0.5^15 / 15!, is below the rounding of double. */
 #define SERIES_TERMS 14

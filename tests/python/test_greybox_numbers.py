@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
+from scipy import signal
 from squares import covariance, search
 
 import gsid.greybox.fit
@@ -49,6 +50,24 @@ def problem_of(several, *, band=BAND, per_record=(), stack=FREE_AXIS):
 def start_of(s):
     """The fit at its start, which is the truth."""
     return fit_plant(plant(FREE_AXIS), s, band=BAND, max_iter=1)
+
+
+@pytest.mark.parametrize("lag", ["motor_lag", "sensor_lag"])
+def test_a_lag_of_a_few_thousandths_of_a_sample_costs_no_work(lag):
+    """A bug: a lag that a fit had made nearly zero took 300 steps a sample beside a law, some 10 s a fit."""
+    s, time_constant_s = measured(), 3e-3 / FS_HZ
+    stack = AXIS | {lag: {"time_constant_s": time_constant_s}}
+    friction = {"coulomb_friction": {"level": 2.0}}
+    with_lag, without = (PeriodicPlant.of(plant(one | friction), s) for one in (stack, AXIS))
+    assert with_lag.run().settled
+    assert without.run().settled
+    assert with_lag.moves < 3 * without.moves
+    den = np.polymul([1, 60, 400], [time_constant_s, 1])
+    num, den, _ = signal.cont2discrete(([900, 0], den), 1 / FS_HZ, "zoh")
+    _, exact = signal.freqz(num[0], den, s.f_hz[s.excited], fs=FS_HZ)
+    response = (PeriodicPlant.of(plant(stack), s).run().Y / s.u)[s.excited]
+    of_second_order = (np.pi * FS_HZ * time_constant_s) ** 2
+    np.testing.assert_allclose(response, exact, rtol=of_second_order)
 
 
 # ---- weights -----------------------------------------------------------------------------------------------
