@@ -6,6 +6,7 @@ import pytest
 
 WIDE = pytest.mark.parametrize("page", [(1280, 800)], indirect=True, ids=["wide"])
 pytestmark = WIDE
+WAITS, WAIT_MS = 500, 20  # for the first state: as long as for an element of the page
 
 
 def open_files(page, *paths):
@@ -27,8 +28,11 @@ def messages_of(page):
     page.route_web_socket("**/changes", relay)
     page.reload()
     page.get_by_text("connected", exact=True).wait_for()
-    while not sent:  # the connection opens before the first state arrives
-        page.wait_for_timeout(20)
+    for _ in range(WAITS):  # the connection opens before the first state arrives
+        if sent:
+            return
+        page.wait_for_timeout(WAIT_MS)
+    pytest.fail(f"no state from the server within {WAITS * WAIT_MS} ms")
 
 
 def test_a_lost_server_is_an_error_in_words(page, record, studio, faults):

@@ -54,7 +54,7 @@ def start_of(s):
 
 @pytest.mark.parametrize("lag", ["motor_lag", "sensor_lag"])
 def test_a_lag_of_a_few_thousandths_of_a_sample_costs_no_work(lag):
-    """A bug: a lag that a fit had made nearly zero took 300 steps a sample beside a law, some 10 s a fit."""
+    """A bug: a lag that a fit had made nearly zero took 66 times the work beside a friction."""
     s, time_constant_s = measured(), 3e-3 / FS_HZ
     stack = AXIS | {lag: {"time_constant_s": time_constant_s}}
     friction = {"coulomb_friction": {"level": 2.0}}
