@@ -475,31 +475,53 @@ def test_a_command_clipped_and_rounded_is_the_one_sent(axis):
         assert record.meta["wrong_echoes"] == "0"
 
 
-def test_a_slow_loop_is_never_silent_for_long():
+class Paced(Loopback):
+    """A line to a paced axis on a clock of its own: each read takes 10 ms."""
+
+    now_s = 0.0
+
+    def write(self, data):
+        self.waiting += self._passed(self.server.take(self._passed(data), self.now_s))
+
+    def read(self):
+        self.now_s += 0.01
+        self.waiting += self._passed(self.server.keep_time(self.now_s))
+        return super().read()
+
+
+@pytest.fixture
+def paced_line(monkeypatch):
+    def line(lose=lambda kind, tick: False):
+        paced = Paced(Server(quiet_axis(fs_hz=100.0), paced=True), lose)
+        monkeypatch.setattr(time, "monotonic", lambda: paced.now_s)
+        return paced
+
+    return line
+
+
+def test_a_slow_loop_is_never_silent_for_long(paced_line):
     """At 100 Hz the host waited for a quarter of its window, 1.3 s, before it sent again."""
-
-    class Slow(Loopback):
-        now_s = 0.0
-        last_s = 0.0
-        longest_s = 0.0
-
-        def write(self, data):
-            if self.last_s > 0 and self.server.running:
-                self.longest_s = max(self.longest_s, self.now_s - self.last_s)
-            self.last_s = self.now_s
-            self.waiting += self.server.take(data, self.now_s)
-
-        def read(self):
-            self.now_s = time.monotonic()
-            time.sleep(0.01)
-            self.waiting += self.server.keep_time(self.now_s)
-            return super().read()
-
-    line = Slow(Server(quiet_axis(fs_hz=100.0), paced=True))
-    record = run(line, multisine(50, 10), periods=2, settle=50, fs_hz=100.0)
+    record = run(paced_line(), multisine(50, 10), periods=2, settle=50, fs_hz=100.0)
     assert record.meta["lost_commands"] == "0"
-    assert line.longest_s < 0.15
-    assert float(record.meta["longest_host_silence_s"]) == pytest.approx(line.longest_s, abs=0.02)
+    assert 0.05 < float(record.meta["longest_host_silence_s"]) < 0.15
+
+
+def test_the_silence_before_the_stop_counts(paced_line):
+    """Only the waits between commands were counted, not the one between the last of them and the stop."""
+    line = paced_line()
+    sent_s = []
+    read, write = line.read, line.write
+    line.write = lambda data: (sent_s.append(line.now_s), write(data))
+
+    def slower_at_the_end():
+        line.now_s += 0.12 if line.now_s > 1.4 else 0.0
+        return read()
+
+    line.read = slower_at_the_end
+    record = run(line, multisine(50, 10), periods=2, settle=50, fs_hz=100.0)
+    silent_s = np.diff(sent_s)
+    assert silent_s[-1] == silent_s.max()
+    assert float(record.meta["longest_host_silence_s"]) == pytest.approx(silent_s[-1], abs=1e-3)
 
 
 def test_two_lines_at_once():

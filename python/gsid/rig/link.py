@@ -141,6 +141,7 @@ class Link:
         self.name = name
         self.receiver = Receiver()
         self.longest_silence_s = 0.0  # longest time without a frame from the host while the axis runs
+        self._commanded_s: float | None = None  # when the last commands were sent; None: the axis is at rest
 
     @classmethod
     def open(
@@ -160,6 +161,10 @@ class Link:
 
     def send(self, block: np.ndarray) -> None:
         """Send frames, (n,) of FRAME; LinkError when the port is gone."""
+        now = time.monotonic()
+        if self._commanded_s is not None:
+            self.longest_silence_s = max(self.longest_silence_s, now - self._commanded_s)
+        self._commanded_s = now if (block["kind"] == COMMAND).any() else None
         try:
             self._transport.write(encode(self._scaled(block), self.receiver.session))
         except OSError as error:

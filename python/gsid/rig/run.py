@@ -366,7 +366,6 @@ def _exchange(
         now = time.monotonic()
         if room > window // 4 or (room > 0 and now > sent_at + KEEP_ALIVE_S):  # not frame by frame
             sent = _send_commands(link, table, max(sent, samples.end), samples.end + window)
-            link.longest_silence_s = max(link.longest_silence_s, now - sent_at)
             sent_at = now
         if samples.take(link.receive(), sent + n_ahead):
             received_at = time.monotonic()
