@@ -14,7 +14,7 @@ from test_steps import BODY, DEFAULTS, DELAY, F_LO, FS_HZ, LAG, SPRING, VISCOUS,
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
-from gsid.diagnosis.from_records import equal_weights, play, seek_play
+from gsid.diagnosis.from_records import equal_weights, model_error, play, seek_play
 from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
 from gsid.diagnosis.from_records.play_structures import structures_for_play, with_values_of
 from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
@@ -331,23 +331,30 @@ def test_a_restart_of_play_has_to_be_better(monkeypatch):
     assert sum(path.endswith(" abc") for path in paths) == 4  # the grown one, and from each record
 
 
-def steps_of(kept_cost):
-    """A fit of two records whose refit without one predicts it with a cost."""
-    records = [SimpleNamespace(spectra=name, cost_of=lambda model: kept_cost[model]) for name in "ab"]
-    return SimpleNamespace(model="all", records=records, residual=np.zeros(10), cost_per_dof=1.0)
+def steps_of(left):
+    """A fit of two records whose refit without one leaves these errors of it."""
+
+    def record(name):
+        spectra = SimpleNamespace(name=name, y=0.0)
+        return SimpleNamespace(spectra=spectra, whitened=lambda error: np.array(left[-error]))
+
+    return SimpleNamespace(model="all", records=[record(name) for name in "ab"], cost_per_dof=1.0)
 
 
 def test_play_is_judged_by_refits_without_each_record(monkeypatch):
-    left = []
+    left, refitted = {1.0: [1.0, 1.0, 1.0], 2.0: [3.0, 0.0, 0.0]}, []
 
-    def fit_plant(model, others, **_):
-        left.append((model, others))
-        return SimpleNamespace(model=f"without {'b' if others == ['a'] else 'a'}")
+    def fit_plant(model, others, *, deadline, **_):
+        (other,) = others
+        refitted.append((model, other.name, deadline.moves_left))
+        predicted = SimpleNamespace(Y=1.0 if other.name == "b" else 2.0)
+        return SimpleNamespace(model=SimpleNamespace(predict=lambda one: predicted))
 
     monkeypatch.setattr(play, "fit_plant", fit_plant)
-    kept = play.kept_by_refits(steps_of({"without a": 3.0, "without b": 9.0}), None, Deadline())
-    assert left == [("all", ["b"]), ("all", ["a"])]
-    assert kept == 12.0 / 10
+    errors = play.left_by_refits(steps_of(left), None, Deadline().bounded(100.0))
+    assert refitted == [("all", "b", 50.0), ("all", "a", 50.0)]  # each with its share of the work
+    assert [list(one) for one in errors] == list(left.values())
+    assert confirming.mean_square(errors) == 12.0 / 6
 
 
 @pytest.mark.parametrize(
@@ -361,13 +368,15 @@ def test_bug_the_steps_of_the_cost_hid_what_play_explains(monkeypatch, linearise
         assert deadline.moves_left == DEFAULTS.moves_of_fit
         if isinstance(refits, Exception):
             raise refits
-        return refits
+        return [np.full(4, np.sqrt(refits))] * 2
 
     judged = confirming.Simulated(("gear_backlash",), None, True, linearised, 0.0, 0.0)
     monkeypatch.setattr(confirming, "judged", lambda *_: judged)
-    monkeypatch.setattr(confirming, "kept_by_refits", by_refits)
+    monkeypatch.setattr(confirming, "left_by_refits", by_refits)
     fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None)
-    assert fits._judged_play(steps_of({})).kept == kept
+    found = fits._judged_play(steps_of({}))
+    assert found.kept == pytest.approx(kept)
+    assert (found.left_out is None) == (kept == linearised)
 
 
 def test_play_in_one_record_is_judged_by_its_thirds(monkeypatch):
@@ -376,6 +385,20 @@ def test_play_in_one_record_is_judged_by_its_thirds(monkeypatch):
     fits = confirming.Simulations([None], None, Deadline(), DEFAULTS, lambda text: None)
     one = SimpleNamespace(records=[None], cost_per_dof=1.0)
     assert fits._judged_play(one) is judged
+
+
+def test_bug_with_a_model_error_play_was_judged_by_its_slopes(monkeypatch):
+    """Refits explained 86 % where a record was left out; the slopes at the steps of the cost gave -34."""
+    records = [SimpleNamespace(spectra=None, residual=np.array(one)) for one in ([2.0, 2.0], [4.0, 0.0])]
+    left = (np.array([4.0, 4.0]), np.array([8.0, 0.0]))
+    fit = SimpleNamespace(records=records)
+    refitted = confirming.Simulated(("gear_backlash",), fit, False, 36.0, 0.0, 0.0, left_out=left)
+    linearised = replace(refitted, kept=1e9, weighed=0.0, left_out=None)
+    monkeypatch.setattr(model_error, "judged", lambda *_: linearised)
+    monkeypatch.setattr(model_error, "_factor", lambda *_: np.array([0.5, 0.5]))
+    null, (law,) = model_error.weighed(linearised, [refitted], refitted, DEFAULTS)
+    assert (null.kept, null.weighed) == (1e9, 0.0)
+    assert (law.kept, law.weighed) == ((4 + 4 + 16 + 0) / 4, 1 + 1 + 4 + 0)
 
 
 @pytest.mark.long

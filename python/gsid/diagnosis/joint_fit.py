@@ -85,6 +85,17 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit, deadline: Deadline | None
     return model.with_values([better.get(name, model[name].value) for name in model.free_names])
 
 
+def fitted_names(model: PlantModel, fit: PlantFit) -> list[str]:
+    """Names of the parameters that `fit_joint` fits.
+
+    Parameters
+    ----------
+    model, fit
+        As `fit_joint`.
+    """
+    return _Problem(model, fit).names
+
+
 def joint_cost(model: PlantModel, fit: PlantFit) -> float:
     """Cost of a model with backlash, given the measured motion of the load (DIA-10); inf if not finite.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
+from gsid.diagnosis.joint_bias import without_bias
 from gsid.diagnosis.joint_fit import fit_joint, joint_cost
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR, linear_error, linear_start
@@ -85,7 +86,9 @@ def joint_start(
     ):
         starts = [one for model in (soft, *others) for one in _with_play(fit, model)]
         start = fit_joint(starts, fit, deadline)
-        return start if improves or joint_cost(start, fit) < FALL_OF_COST * fit.cost else None
+        if not improves and joint_cost(start, fit) >= FALL_OF_COST * fit.cost:
+            return None
+        return without_bias(start, fit, deadline)
     if not improves:
         return None
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]

@@ -106,7 +106,17 @@ class RecordFit:
         GsidError
             The model cannot be simulated.
         """
-        error = (self.spectra.y - model.predict(self.spectra).Y)[self.line]
+        return self.cost_of_output(model.predict(self.spectra).Y)
+
+    def cost_of_output(self, lines: np.ndarray) -> float:
+        """Cost of another output, with the lines and weights of this fit.
+
+        Parameters
+        ----------
+        lines : (K,) complex ndarray
+            Lines 0 .. N/2.
+        """
+        error = (self.spectra.y - lines)[self.line]
         return float(np.sum(np.abs(error * self.weight) ** 2))
 
     def whitened(self, lines: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from gsid.diagnosis.from_records.play import (
     DOUBTFUL,
     fit_play,
     fit_play_from,
-    kept_by_refits,
+    left_by_refits,
     with_hidden_mode,
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -50,6 +50,9 @@ class Simulated:
         distinguish, such as the level and the angle of an unbalance at small angles.
     weighed : float or None
         Cost with the weights of a model error; None with those of noise.
+    left_out : tuple of (2 k,) ndarray or None
+        Whitened error of each record, simulated with the fit to the others; None: what is kept out was
+        linearised at the fit to all.
     """
 
     effects: tuple[str, ...]
@@ -60,6 +63,7 @@ class Simulated:
     scatter_error: float
     stalled: bool = False
     weighed: float | None = None
+    left_out: tuple[np.ndarray, ...] | None = None
 
     @property
     def cost(self) -> float:
@@ -264,10 +268,10 @@ class Simulations:
         if len(fit.records) < 2 or found.kept < DOUBTFUL * fit.cost_per_dof:
             return found
         try:
-            kept = kept_by_refits(fit, self.band, self.deadline.bounded(self.settings.moves_of_fit))
+            left = left_by_refits(fit, self.band, self.deadline.bounded(self.settings.moves_of_fit))
         except (GsidError, InputError, OutOfTime):
             return found
-        return replace(found, kept=kept)
+        return replace(found, kept=mean_square(left), left_out=tuple(left))
 
     def _settles(self, model: PlantModel, deadline: Deadline) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
@@ -351,6 +355,16 @@ def judged(
     scatter, noise = _scatter(alone, errors, values)
     weighed = None if factors is None else _linearised_cost(parts)
     return Simulated(effects, fit, has_converged(fit), left.kept, scatter, noise, weighed=weighed)
+
+
+def mean_square(errors: Sequence[np.ndarray]) -> float:
+    """Mean square of the errors of all records.
+
+    Parameters
+    ----------
+    errors : sequence of (m,) ndarray
+    """
+    return float(np.mean(np.concatenate(errors) ** 2))
 
 
 def _linearised_cost(parts: list[tuple[np.ndarray, np.ndarray]]) -> float:

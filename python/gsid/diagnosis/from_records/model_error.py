@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsid.diagnosis.from_records.confirm import Simulated, judged
+from gsid.diagnosis.from_records.confirm import Simulated, judged, mean_square
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.problem import torque_power
 from gsid.greybox.fit import RecordFit
@@ -35,9 +35,18 @@ def weighed(
 
     def again(one: Simulated) -> Simulated:
         found = judged(one.fit, one.effects, settings, factors)
-        return replace(found, converged=one.converged, stalled=one.stalled)
+        found = replace(found, converged=one.converged, stalled=one.stalled)
+        return found if one.left_out is None else _by_refits(one, found, factors)
 
     return again(null), [again(one) for one in laws]
+
+
+def _by_refits(one: Simulated, found: Simulated, factors: Sequence[np.ndarray]) -> Simulated:
+    """A fit whose cost has steps: its errors with the weights, not linearised."""
+    left = tuple(factor * error for factor, error in zip(factors, one.left_out, strict=True))
+    here = [factor * record.residual for factor, record in zip(factors, one.fit.records, strict=True)]
+    cost = float(np.sum(np.concatenate(here) ** 2))
+    return replace(found, kept=mean_square(left), left_out=left, weighed=cost)
 
 
 def _factor(best: Simulated, one: RecordFit) -> np.ndarray:

@@ -181,8 +181,8 @@ def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
     return fit.model.with_effect(MODE, params)
 
 
-def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: Deadline) -> float:
-    """Cost per number of the records, each simulated with the fit to the others, without linearisation.
+def left_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: Deadline) -> list[np.ndarray]:
+    """Whitened errors of the records, each simulated with the fit to the others, without linearisation.
 
     Parameters
     ----------
@@ -191,19 +191,20 @@ def kept_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
     band : (lo, hi) or None
         Hz.
     deadline : Deadline
+        Each refit may do its share of the work.
 
     Returns
     -------
-    float
-        1 is noise.
+    list of (2 k,) ndarray
+        In the order of the records, with variance 1 where only noise is left.
     """
-    cost = 0.0
+    errors, moves = [], deadline.moves_left / len(fit.records)
     for one in fit.records:
         others = [other.spectra for other in fit.records if other is not one]
-        how = {"band": band, "max_iter": LOOK, "deadline": deadline, "quiet": True}
+        how = {"band": band, "max_iter": LOOK, "deadline": deadline.bounded(moves), "quiet": True}
         without = fit_plant(fit.model, others, **how)
-        cost += one.cost_of(without.model)
-    return cost / len(fit.residual)
+        errors.append(one.whitened(one.spectra.y - without.model.predict(one.spectra).Y))
+    return errors
 
 
 def _leaves_noise(fit: PlantFit) -> bool:
