@@ -232,6 +232,12 @@ LIMITS = {
         {"converged": False, "per_dof": 10.7},
         "nearest_effect",
     ),
+    "no convergence, and no refits without each record": (
+        {"converged": False, "per_dof": 12.0},
+        "unknown_effect",
+        {"converged": False, "per_dof": 12.0, "left_out": ()},
+        "nearest_effect",
+    ),
     "a stalled fit that leaves more than noise": (
         {"converged": False, "stalled": True},
         "nearest_effect",

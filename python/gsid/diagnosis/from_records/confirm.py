@@ -76,6 +76,11 @@ class Simulated:
         return self.fit.model
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether what is kept out does not depend on further iterations, or was found by refits."""
+        return self.converged or self.stalled or self.left_out is not None
+
+    @property
     def label(self) -> str:
         """Label of the law in the model."""
         return label_of(self.model, self.effects[0])

@@ -192,7 +192,7 @@ class DecisionSettings:
     slices_of_rivals: int = 4
     moves_most: float = 6e8
     moves_of_fit: float = 2.5e8
-    moves_of_play: float = 6e8
+    moves_of_play: float = 3e8
     rival_share: float = 0.25
     rivals: int = 1
     members: int = 2
