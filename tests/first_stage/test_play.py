@@ -454,6 +454,16 @@ def test_bug_play_that_a_study_lost(seed, index, percent):
     assert found.cost_per_dof_after < DEFAULTS.adequate
 
 
+@pytest.mark.trial
+@pytest.mark.parametrize(("seed", "index"), [(110013, 8), (110107, 9)])
+def test_bug_play_whose_cost_has_steps_everywhere_was_unknown(seed, index):
+    """The loud records are on other orbits; refits without each record explain 77 and 93 % of the misfit."""
+    trial = hard.make_hard(seed, index, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert (found.verdict, found.effects) == ("nearest_effect", ("gear_backlash",))
+    assert 0.02 < found.unexplained_share < 0.5
+
+
 # ---- a mode that the joint has hidden ------------------------------------------------------------------
 
 
