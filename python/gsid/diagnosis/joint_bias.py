@@ -49,12 +49,12 @@ def without_bias(start: PlantModel, fit: PlantFit, deadline: Deadline) -> PlantM
     best = model = start
     least = np.inf
     with suppress(GsidError, OutOfTime, np.linalg.LinAlgError):
-        for _ in range(ROUNDS + 1):
+        for n_left in reversed(range(ROUNDS + 1)):
             outputs = [_simulated(model, record.spectra, deadline) for record in fit.records]
             cost = sum(record.cost_of_output(y) for record, y in zip(fit.records, outputs, strict=True))
             if cost < least:
                 least, best = cost, model
-            if least < NOISE_LEFT * fit.n_dof:
+            if least < NOISE_LEFT * fit.n_dof or n_left == 0:
                 break
             noisy = _with_output(fit, outputs)
             again = _values(fit_joint([model, start], noisy, deadline), names)
