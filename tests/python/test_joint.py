@@ -197,3 +197,11 @@ def test_a_model_that_leaves_only_noise_has_no_bias_to_remove():
     fit.n_dof *= 2  # the variances of four periods are scattered
     true = stack()
     assert without_bias(true, fit, Deadline()) is true
+
+
+def test_values_without_bias_stay_within_their_limits():
+    fit = weighed_fit_of(measured_of(stack()))
+    biased = stack(gap_deg=0.018)
+    biased["gear_backlash.gap_deg"].limits = (0.0, 0.0181)
+    found = without_bias(biased, fit, Deadline())
+    assert found["gear_backlash.gap_deg"].value <= 0.0181

@@ -59,7 +59,8 @@ def without_bias(start: PlantModel, fit: PlantFit, deadline: Deadline) -> PlantM
             noisy = _with_output(fit, outputs)
             again = _values(fit_joint([model, start], noisy, deadline), names)
             changed = dict(zip(names, _values(model, names) * _ratio(biased, again), strict=True))
-            model = model.with_values([changed.get(name, model[name].value) for name in model.free_names])
+            values = [changed.get(name, model[name].value) for name in model.free_names]
+            model = model.with_values(np.clip(values, *model.bounds()))
     return best
 
 
