@@ -17,7 +17,7 @@ from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import equal_weights, model_error, play, seek_play
 from gsid.diagnosis.from_records.canonical import resonant_stack, with_mode_as_body
 from gsid.diagnosis.from_records.play_structures import structures_for_play, with_values_of
-from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision
+from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.joint_start import turned
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import linear_view
@@ -414,14 +414,15 @@ def test_play_is_named_from_the_records_alone():
     assert "gear_backlash" not in found.not_tried
 
 
-def test_play_that_is_not_named_is_not_fitted_again(monkeypatch):
+@pytest.mark.parametrize("decision", [Decision(UNKNOWN), Decision(NEAREST, ("gear_backlash",))])
+def test_play_that_leaves_more_than_noise_is_not_fitted_again(monkeypatch, decision):
     """A bug: a diagnosis that could not name play took up to 88 s, and then fitted it once more."""
     fitted = []
     monkeypatch.setattr(equal_weights, "fit_plant", lambda *_, **__: fitted.append(True))
     run = SimpleNamespace(
         final=SimpleNamespace(effects=("gear_backlash",)),
         evidence=lambda: SimpleNamespace(is_adequate=lambda one: False),
-        decision=Decision(UNKNOWN),
+        decision=decision,
     )
     equal_weights.weigh_model_error(run)
     assert not fitted

@@ -15,28 +15,35 @@ from gsid.plant.linear_response import BACKLASH
 def weigh_model_error(run: Run) -> None:
     """The values of the law with equal weights, and a ripple, where it leaves more than noise.
 
-    The weights of noise then put the model's error on the lines where the output is largest.
+    Play has neither: its fit has steps, and takes ten times as long.
 
     Parameters
     ----------
     run : Run
     """
-    if run.final is None or run.evidence().is_adequate(run.final):
+    if run.final is None or run.evidence().is_adequate(run.final) or BACKLASH in run.final.effects:
         return
-    if BACKLASH in run.final.effects and not run.decision.effects:
-        return  # a fit with play takes ten times as long, and no name rests on it
     with run.timed("fit with equal weights"):
-        run.on_step("fitting with equal weights")
-        how = {"band": run.band, "method": "nls-output", "deadline": run.deadline, "quiet": True}
-        try:
-            run.deadline.check()
-            fit = fit_plant(run.final.model, run.measured, **how)
-        except (GsidError, InputError, OutOfTime):
-            return
-        if not fit.converged and run.deadline.is_used_up:
-            return  # it was cut: its values lie between those of two criteria
-        other = replace(run.final, fit=fit)
-        run.laws = [other if one is run.final else one for one in run.laws]
-        run.final = other
+        if run.final.fit.cost_per_dof >= run.settings.much_left:
+            _fit_with_equal_weights(run)
         if run.decision.effects and not run.deadline.is_over:
-            run.ripple = remaining_ripple(other.model, run.measured, run.band)
+            run.ripple = remaining_ripple(run.final.model, run.measured, run.band)
+
+
+def _fit_with_equal_weights(run: Run) -> None:
+    """Replace the fit of the law, whose error is larger than noise.
+
+    The weights of noise then put this error on the lines where the output is largest.
+    """
+    run.on_step("fitting with equal weights")
+    how = {"band": run.band, "method": "nls-output", "deadline": run.deadline, "quiet": True}
+    try:
+        run.deadline.check()
+        fit = fit_plant(run.final.model, run.measured, **how)
+    except (GsidError, InputError, OutOfTime):
+        return
+    if not fit.converged and run.deadline.is_used_up:
+        return  # it was cut: its values lie between those of two criteria
+    other = replace(run.final, fit=fit)
+    run.laws = [other if one is run.final else one for one in run.laws]
+    run.final = other
