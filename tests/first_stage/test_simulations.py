@@ -78,7 +78,7 @@ def test_a_fit_is_finished_with_work_of_its_own(monkeypatch, cost, is_taken):
 @pytest.mark.parametrize(("residual", "settles"), [(1.9e-3, True), (2.1e-3, False)])
 def test_a_simulation_settles_up_to_a_thousandth_of_its_rms(monkeypatch, residual, settles):
     answer = SimpleNamespace(settled=False, residual=residual, y=2.0 * np.array([1.0, -1.0]))
-    plant = SimpleNamespace(run=lambda: answer, bound=lambda moves: None, moves=7)
+    plant = SimpleNamespace(run_within=lambda work: (work.spend(7), answer)[1])
     monkeypatch.setattr(confirming, "PeriodicPlant", SimpleNamespace(of=lambda *_: plant))
     fits, deadline = SimpleNamespace(measured=[None], settings=DEFAULTS), Deadline().bounded(10)
     assert confirming.Simulations._settles(fits, None, deadline) is settles

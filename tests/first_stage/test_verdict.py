@@ -232,7 +232,7 @@ LIMITS = {
         {"converged": False, "per_dof": 10.7},
         "nearest_effect",
     ),
-    "no convergence, and no refits without each record": (
+    "neither convergence nor refits without each record": (
         {"converged": False, "per_dof": 12.0},
         "unknown_effect",
         {"converged": False, "per_dof": 12.0, "left_out": ()},

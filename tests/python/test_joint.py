@@ -1,6 +1,7 @@
 """The twist of a joint with play, driven by a torque that is known, against closed forms."""
 
 import copy
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from plants import FS_HZ, plant
 
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.diagnosis import joint_bias
 from gsid.diagnosis.joint_bias import without_bias
 from gsid.diagnosis.joint_fit import fit_joint, twist_of
 from gsid.diagnosis.joint_start import joint_start
-from gsid.greybox.fit import RecordFit
+from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
@@ -81,7 +83,9 @@ def fit_of(measured, model=None, line=BAND, weight=1e3):
     """A fit of a record that has no cost yet."""
     weights = np.broadcast_to(weight, line.shape)
     record = RecordFit("", line, weights, None, None, None, {}, measured)
-    return SimpleNamespace(model=model, records=[record], n_dof=2 * len(line), cost=np.inf)
+    no_steps = {"converged": False, "n_iterations": 0, "undetermined": [], "at_bound": [], "unsettled": []}
+    how = {"band_hz": (1.0, 400.0), "variance_dof": 3.0, "solver": "lm", "method": "ml"}
+    return PlantFit(model, np.inf, 2 * len(line), np.inf, records=[record], **no_steps, **how)
 
 
 def weighed_fit_of(measured):
@@ -192,11 +196,29 @@ def test_the_bias_is_removed_within_the_work_and_the_time_that_are_left():
     assert 0 < deadline.moves_left < 1e9
 
 
-def test_a_model_that_leaves_only_noise_has_no_bias_to_remove():
+@pytest.mark.parametrize(("n_dof", "n_fits"), [(2000, 0), (1000, joint_bias.ROUNDS)])  # a cost of 1043
+def test_a_model_that_leaves_only_noise_has_no_bias_to_remove(monkeypatch, n_dof, n_fits):
+    fit = replace(weighed_fit_of(measured_of(stack())), n_dof=n_dof)
+    fits = []
+    monkeypatch.setattr(joint_bias, "fit_joint", lambda models, *_: fits.append(True) or models[0])
+    monkeypatch.setattr(joint_bias, "NOISE_LEFT", 1.0)
+    without_bias(stack(), fit, Deadline())
+    assert len(fits) == n_fits
+
+
+def test_a_round_changes_a_value_by_a_factor_of_two_at_most(monkeypatch):
+    """The fit of a lag near zero may end at zero: the next simulation would take its whole work."""
     fit = weighed_fit_of(measured_of(stack()))
-    fit.n_dof *= 2  # the variances of four periods are scattered
-    true = stack()
-    assert without_bias(true, fit, Deadline()) is true
+    wide = stack(gap_deg=1e3)
+    monkeypatch.setattr(joint_bias, "fit_joint", lambda models, *_: wide)
+    tried = []
+    real = joint_bias.PeriodicPlant.of
+    monkeypatch.setattr(
+        joint_bias.PeriodicPlant, "of", lambda model, *rest: (tried.append(model), real(model, *rest))[1]
+    )
+    without_bias(stack(gap_deg=0.018), fit, Deadline())
+    gaps = [model["gear_backlash.gap_deg"].value for model in tried]
+    assert gaps == pytest.approx([0.018 / 2**i for i in range(joint_bias.ROUNDS + 1)])
 
 
 def test_values_without_bias_stay_within_their_limits():

@@ -481,18 +481,18 @@ class Paced(Loopback):
     now_s = 0.0
 
     def write(self, data):
-        self.waiting += self._passed(self.server.take(self._passed(data), self.now_s))
+        self.waiting += self.server.take(data, self.now_s)
 
     def read(self):
         self.now_s += 0.01
-        self.waiting += self._passed(self.server.keep_time(self.now_s))
+        self.waiting += self.server.keep_time(self.now_s)
         return super().read()
 
 
 @pytest.fixture
 def paced_line(monkeypatch):
-    def line(lose=lambda kind, tick: False):
-        paced = Paced(Server(quiet_axis(fs_hz=100.0), paced=True), lose)
+    def line():
+        paced = Paced(Server(quiet_axis(fs_hz=100.0), paced=True))
         monkeypatch.setattr(time, "monotonic", lambda: paced.now_s)
         return paced
 

@@ -6,6 +6,8 @@ import copy
 import math
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class OutOfTime(Exception):
@@ -63,6 +65,22 @@ class Deadline:
         other = copy.copy(self)
         other.moves_left = moves
         return other
+
+    @contextmanager
+    def portion(self, moves: float) -> Iterator[Deadline]:
+        """The same deadline with a bound on the work of a part, which is taken from `moves_left`.
+
+        Parameters
+        ----------
+        moves : float
+        """
+        most = min(moves, self.moves_left)
+        part = self.bounded(most)
+        try:
+            yield part
+        finally:
+            if math.isfinite(most):
+                self.spend(most - part.moves_left)
 
     def spend(self, moves: float) -> None:
         """Take work from `moves_left`.

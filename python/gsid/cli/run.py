@@ -366,7 +366,7 @@ def _warn(meta: dict[str, str]) -> None:
     if silence_s > SILENCE_STOP_S:
         print_message(
             f"warning: this computer sent nothing for {silence_s:g} s, and the axis stopped meanwhile: "
-            "the disturbed periods are left out"
+            "periods that this has disturbed are left out"
         )
 
 

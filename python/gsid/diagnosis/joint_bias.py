@@ -10,21 +10,21 @@ from __future__ import annotations
 
 import copy
 from contextlib import suppress
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError
-from gsid.diagnosis.joint_fit import fit_joint, fitted_names
+from gsid.diagnosis.joint_fit import fit_joint, fitted_names, values_of
 from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
-from gsid.spectrum.spectra import Spectra
 
 ROUNDS = 4  # two reach the noise of the fit; beyond, other collisions change the cost, and the least is taken
 SEED = 16  # of the noise, the same in all rounds: a new draw would move the values by its own error
 NOISE_LEFT = 1.15  # cost per degree of freedom at which there is no bias to remove
+LARGEST_RATIO = 2.0  # of a value in one round: the bias is smaller, and a fit may send a lag to zero
 
 
 def without_bias(start: PlantModel, fit: PlantFit, deadline: Deadline) -> PlantModel:
@@ -44,44 +44,32 @@ def without_bias(start: PlantModel, fit: PlantFit, deadline: Deadline) -> PlantM
     PlantModel
         That of the round with the least cost by simulation; `start` where no round has less.
     """
-    names = fitted_names(start, fit)
-    biased = _values(start, names)
+    names = fitted_names(start)
+    biased = values_of(start, names)
     best = model = start
     least = np.inf
     with suppress(GsidError, OutOfTime, np.linalg.LinAlgError):
         for n_left in reversed(range(ROUNDS + 1)):
-            outputs = [_simulated(model, record.spectra, deadline) for record in fit.records]
+            plants = [PeriodicPlant.of(model, record.spectra, deadline) for record in fit.records]
+            outputs = [plant.run_within(deadline).Y for plant in plants]
             cost = sum(record.cost_of_output(y) for record, y in zip(fit.records, outputs, strict=True))
             if cost < least:
                 least, best = cost, model
             if least < NOISE_LEFT * fit.n_dof or n_left == 0:
                 break
-            noisy = _with_output(fit, outputs)
-            again = _values(fit_joint([model, start], noisy, deadline), names)
-            changed = dict(zip(names, _values(model, names) * _ratio(biased, again), strict=True))
+            again = fit_joint([model, start], _with_output(fit, outputs), deadline)
+            ratio = _ratio(biased, values_of(again, names))
+            changed = dict(zip(names, values_of(model, names) * ratio, strict=True))
             values = [changed.get(name, model[name].value) for name in model.free_names]
             model = model.with_values(np.clip(values, *model.bounds()))
     return best
 
 
-def _values(model: PlantModel, names: list[str]) -> np.ndarray:
-    return np.array([model[name].value for name in names])
-
-
 def _ratio(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Ratio of two sets of values; 1 where they differ in sign."""
+    """Ratio of two sets of values, within limits; 1 where they differ in sign."""
     same = wanted * found > 0
-    return np.where(same, wanted / np.where(same, found, 1.0), 1.0)
-
-
-def _simulated(model: PlantModel, measured: Spectra, deadline: Deadline) -> np.ndarray:
-    """Lines of the output in the steady state; the work is taken from the deadline."""
-    plant = PeriodicPlant.of(model, measured, deadline)
-    plant.bound(deadline.moves_left)
-    try:
-        return plant.run().Y
-    finally:
-        deadline.spend(plant.moves)
+    ratio = np.where(same, wanted / np.where(same, found, 1.0), 1.0)
+    return np.clip(ratio, 1 / LARGEST_RATIO, LARGEST_RATIO)
 
 
 def _with_output(fit: PlantFit, outputs: list[np.ndarray]) -> PlantFit:
@@ -91,13 +79,7 @@ def _with_output(fit: PlantFit, outputs: list[np.ndarray]) -> PlantFit:
     for record, output in zip(fit.records, outputs, strict=True):
         one = copy.copy(record.spectra)
         parts = rng.standard_normal((2, len(output)))
-        noise = np.sqrt(one.var_y / (2 * one.n_periods)) * (parts[0] + 1j * parts[1])
+        noise = np.sqrt(one.noise_y / (2 * one.n_periods)) * (parts[0] + 1j * parts[1])
         one.Y = one.Y - one.y + output + noise
-        records.append(_changed(record, spectra=one))
-    return _changed(fit, records=records)
-
-
-def _changed(original: Any, **attributes: Any) -> Any:
-    changed = copy.copy(original)
-    vars(changed).update(attributes)
-    return changed
+        records.append(replace(record, spectra=one))
+    return replace(fit, records=records)

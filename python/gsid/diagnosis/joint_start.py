@@ -4,13 +4,14 @@ Backlash changes the linear part too: to two masses with a spring, whose effecti
 share of time in the gap. The linear part is therefore fitted first, to the frequency response at the highest
 level, where backlash has the least influence. The spring found is softer than the true one. Stiffer springs
 with a larger gap are the starts of a fit that uses the measured motion of the load
-(`gsid.diagnosis.joint_fit`). In closed loop, and with a sample and hold in the sensor, the gap is searched by
-simulation.
+(`gsid.diagnosis.joint_fit`), whose bias simulations then remove (`gsid.diagnosis.joint_bias`). In closed
+loop, and with a sample and hold in the sensor, the gap is searched by simulation.
 """
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import numpy as np
 
@@ -33,11 +34,17 @@ RATIOS = (0.4, 0.15)  # of the inertias, which the response does not determine
 STIFFER = (1.0, 2.5, 6.0, 20.0)  # stiffness in contact, relative to that of the response
 DAMPING = 0.1  # damping ratio
 FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
+BIAS_SHARE = 0.25  # of the work, for the removal of the bias
 FALL_OF_COST = 0.5  # the same of the cost, given the load's motion, where the response does not improve
 
 
 def joint_start(
-    fit: PlantFit, given: PlantModel, deadline: Deadline | None = None, *, is_clear: bool = False
+    fit: PlantFit,
+    given: PlantModel,
+    deadline: Deadline | None = None,
+    pruned: Callable[[PlantModel], PlantModel] = lambda model: model,
+    *,
+    is_clear: bool = False,
 ) -> PlantModel | None:
     """The model with backlash at the best of `FREQUENCIES`; None if it does not improve the response.
 
@@ -49,7 +56,9 @@ def joint_start(
         The model before the fit. A fit without backlash may move the frequency of a mode to imitate it, and
         a fit that starts there may end in a local minimum.
     deadline : Deadline, optional
-        Checked before each step; by default there is none.
+        Checked before each step; by default there is none. A quarter of its work is for simulations.
+    pruned : callable
+        Removes elements of a stack that became zero: a lag of zero makes the simulation stiff.
     is_clear : bool
         Whether the misfit is clear: then the measured motion of the load decides where the response does not.
         A lag and a delay may have the response of a joint far above the band.
@@ -88,11 +97,12 @@ def joint_start(
         start = fit_joint(starts, fit, deadline)
         if not improves and joint_cost(start, fit) >= FALL_OF_COST * fit.cost:
             return None
-        return without_bias(start, fit, deadline)
+        with deadline.portion(BIAS_SHARE * deadline.moves_left) as work:
+            return without_bias(pruned(start), fit, work)
     if not improves:
         return None
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]
-    return min(looked, key=lambda one: one[0])[1] if looked else None
+    return pruned(min(looked, key=lambda one: one[0])[1]) if looked else None
 
 
 def turned(model: PlantModel) -> list[PlantModel]:

@@ -254,6 +254,24 @@ class PeriodicPlant:
         check_simulation(lib.gsid_steady_run(self._made(), values, patient, answer.c))
         return answer.prediction()
 
+    def run_within(self, deadline: Deadline) -> Prediction:
+        """As `run`, with at most the work that a deadline has left, which is taken from it.
+
+        Parameters
+        ----------
+        deadline : Deadline
+
+        Raises
+        ------
+        GsidError, OutOfTime
+            As `run`.
+        """
+        self.bound(deadline.moves_left)
+        try:
+            return self.run()
+        finally:
+            deadline.spend(self.moves)
+
     def run_near(self, values: Sequence[float]) -> Prediction:
         """As `run`, at less cost where the plant settles within a period from what was kept.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -76,8 +75,8 @@ class Simulated:
         return self.fit.model
 
     @property
-    def is_at_rest(self) -> bool:
-        """Whether what is kept out does not depend on further iterations, or was found by refits."""
+    def has_reliable_share(self) -> bool:
+        """Whether what is kept out is that of a minimum, or was found by refits."""
         return self.converged or self.stalled or self.left_out is not None
 
     @property
@@ -138,7 +137,7 @@ class Simulations:
             return None
         self.on_step(f"fitting {name} by simulation")
         try:
-            with self._bounded() as deadline:
+            with self.deadline.portion(self.settings.moves_of_fit) as deadline:
                 if not self._settles(model, deadline):
                     self.not_tried[name] = "its simulation reaches no steady state"
                     return None
@@ -182,16 +181,6 @@ class Simulations:
         if self.deadline.is_over:
             return "the time was over before its first simulation had ended"
         return "its simulation takes too long"
-
-    @contextmanager
-    def _bounded(self) -> Iterator[Deadline]:
-        """The deadline with the bound on the work of one fit, which is taken from that of all."""
-        moves = min(self.settings.moves_of_fit, self.deadline.moves_left)
-        deadline = self.deadline.bounded(moves)
-        try:
-            yield deadline
-        finally:
-            self.deadline.spend(moves - deadline.moves_left)
 
     def completed(self, model: PlantModel) -> PlantModel:
         """The model with what every fit contains, and without what none does.
@@ -270,7 +259,8 @@ class Simulations:
     def _judged_play(self, fit: PlantFit) -> Simulated:
         """What it explains where it was not fitted; `judged` linearises, and the cost of play has steps."""
         found = judged(fit, (BACKLASH,), self.settings)
-        if len(fit.records) < 2 or found.kept < DOUBTFUL * fit.cost_per_dof:
+        has_slopes = found.converged and found.kept < DOUBTFUL * fit.cost_per_dof
+        if len(fit.records) < 2 or has_slopes:
             return found
         try:
             left = left_by_refits(fit, self.band, self.deadline.bounded(self.settings.moves_of_fit))
@@ -280,12 +270,7 @@ class Simulations:
 
     def _settles(self, model: PlantModel, deadline: Deadline) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
-        plant = PeriodicPlant.of(model, self.measured[0], deadline)
-        plant.bound(deadline.moves_left)
-        try:
-            answer = plant.run()
-        finally:
-            deadline.spend(plant.moves)
+        answer = PeriodicPlant.of(model, self.measured[0], deadline).run_within(deadline)
         return answer.settled or answer.residual < self.settings.unsettled * float(np.std(answer.y))
 
     def _in_slices(

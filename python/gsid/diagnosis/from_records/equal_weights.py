@@ -24,14 +24,15 @@ def weigh_model_error(run: Run) -> None:
     if run.final is None or run.evidence().is_adequate(run.final) or BACKLASH in run.final.effects:
         return
     with run.timed("fit with equal weights"):
-        if run.final.fit.cost_per_dof >= run.settings.much_left:
-            _fit_with_equal_weights(run)
+        has_large_error = run.final.fit.cost_per_dof >= run.settings.much_left
+        if has_large_error and not _fit_with_equal_weights(run):
+            return
         if run.decision.effects and not run.deadline.is_over:
             run.ripple = remaining_ripple(run.final.model, run.measured, run.band)
 
 
-def _fit_with_equal_weights(run: Run) -> None:
-    """Replace the fit of the law, whose error is larger than noise.
+def _fit_with_equal_weights(run: Run) -> bool:
+    """Replace the fit of the law, whose error is larger than noise; whether there is another fit.
 
     The weights of noise then put this error on the lines where the output is largest.
     """
@@ -41,9 +42,10 @@ def _fit_with_equal_weights(run: Run) -> None:
         run.deadline.check()
         fit = fit_plant(run.final.model, run.measured, **how)
     except (GsidError, InputError, OutOfTime):
-        return
+        return False
     if not fit.converged and run.deadline.is_used_up:
-        return  # it was cut: its values lie between those of two criteria
+        return False  # it was cut: its values lie between those of two criteria
     other = replace(run.final, fit=fit)
     run.laws = [other if one is run.final else one for one in run.laws]
     run.final = other
+    return True

@@ -21,6 +21,7 @@ from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
 LOOK = 3  # iterations of the first fit, which decides whether it is continued
@@ -78,10 +79,8 @@ def fit_play(
     is_clear : bool
         As `joint_start`.
     """
-    start = joint_start(null, given, deadline, is_clear=is_clear)
-    if start is None:
-        return None
-    return fit_play_from(pruned(start), null.cost, measured, band, beaten, deadline)
+    start = joint_start(null, given, deadline, pruned, is_clear=is_clear)
+    return start and fit_play_from(start, null.cost, measured, band, beaten, deadline)
 
 
 def fit_play_from(
@@ -197,13 +196,21 @@ def left_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
     -------
     list of (2 k,) ndarray
         In the order of the records, with variance 1 where only noise is left.
+
+    Raises
+    ------
+    OutOfTime
+        The work or the time was over before each refit had left the values of the fit to all records.
     """
     errors, moves = [], deadline.moves_left / len(fit.records)
     for one in fit.records:
         others = [other.spectra for other in fit.records if other is not one]
-        how = {"band": band, "max_iter": LOOK, "deadline": deadline.bounded(moves), "quiet": True}
-        without = fit_plant(fit.model, others, **how)
-        errors.append(one.whitened(one.spectra.y - without.model.predict(one.spectra).Y))
+        work = deadline.bounded(moves)
+        without = fit_plant(fit.model, others, band=band, max_iter=LOOK, deadline=work, quiet=True)
+        if not without.converged and np.array_equal(without.model.free_values, fit.model.free_values):
+            raise OutOfTime("a refit has not left its start")
+        answer = PeriodicPlant.of(without.model, one.spectra, deadline).run_within(deadline)
+        errors.append(one.whitened(one.spectra.y - answer.Y))
     return errors
 
 
