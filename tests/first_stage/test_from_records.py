@@ -403,3 +403,20 @@ def test_a_clipped_output_is_unknown_and_the_remark_tells_where_it_is_clipped():
     assert all(f"at {end:.4g} deg/s" in remark for end in (low, high))
     (assumed,) = [text for text in gsid.start(records).assumed if "output stays" in text]
     assert assumed.startswith("y is the motion of the axis, although the output stays at an end")
+
+
+@pytest.mark.trial
+def test_bug_a_short_delay_was_dropped():
+    """6.5 us, a fiftieth of a sample: it was dropped like a lag that makes the simulation stiff."""
+    drawn = hard.make_hard(110016, 25, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in drawn.records])
+    assert found.verdict == "adequate"
+    delay_s = found.model.stack()["transport_delay"]["delay_s"]
+    assert delay_s == pytest.approx(drawn.key["truth"]["delay_s"], abs=2e-6)  # two standard deviations
+
+
+@pytest.mark.trial
+def test_bug_a_cogging_was_unknown_because_the_spring_that_fits_as_well_had_not_converged():
+    drawn = hard.make_hard(110019, 29, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in drawn.records])
+    assert (found.verdict, "motor_cogging" in found.effects) == ("missing_effect", True)

@@ -313,6 +313,13 @@ def test_what_a_law_leaves_counts_as_half_the_scatter_of_noise_at_least(rival, v
     assert decision(fit(LAW, 1.0), fit(OTHER_FAMILY, 1.03, kept=rival), null=1.5).verdict == verdict
 
 
+@pytest.mark.parametrize(("left", "verdict"), [(1.0, "nearest_effect"), (1.3, "unknown_effect")])
+def test_bug_a_law_that_left_only_noise_was_unknown_where_its_fit_had_not_converged(left, verdict):
+    """Further iterations can only lower its cost (seed 110019, single 29, a cogging)."""
+    rival = fit(OTHER_FAMILY, left + 0.03, kept=left + 0.15)
+    assert decision(fit(LAW, left, converged=False), rival, null=1.5).verdict == verdict
+
+
 def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
     found = decision(fit(LAW, 2.0), RIVAL, beaten_by=("c*w^3",))
     assert (found.verdict, found.effects) == ("unknown_effect", ())

@@ -183,7 +183,7 @@ def pruned(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> Pla
         As `canonical_stack`.
     """
     corner, sample_s = 2 * math.pi * f_lo_hz * settings.vanished, 1 / model.fs_hz
-    least = {SPRING: corner**2, DAMPING: corner, DELAY: settings.vanished * sample_s}
+    least = {SPRING: corner**2, DAMPING: corner, DELAY: settings.vanished_delay * sample_s}
     least |= dict.fromkeys(LAGS, settings.vanished * sample_s)
     if any(e.id == SPRING and e.params["stiffness"].value > least[SPRING] for e in model.effects):
         least[DAMPING] = 0.0

@@ -125,7 +125,8 @@ def _finish_best(run: Run, fits: Simulations) -> None:
     best = run.final
     if best is None or best.converged or best.stalled or run.deadline.is_over:
         return
-    if best.cost > run.settings.less_left * run.null.cost:
+    noise = best.fit.n_dof
+    if best.cost - noise > run.settings.less_left * max(run.null.cost - noise, 0.0):
         return
     finished = fits.finished(best)
     run.laws = [finished if one is best else one for one in run.laws]

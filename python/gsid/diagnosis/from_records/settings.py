@@ -37,9 +37,10 @@ class DecisionSettings:
         it does not show.
     lag_share : float
         Start of a lag that the start did not find, in samples.
-    vanished : float
-        Corner [lowest lines], lag and delay [samples] below which an element is dropped before a simulation:
-        it changes no line by 1e-3.
+    vanished, vanished_delay : float
+        Corner [lowest lines] or lag [samples], and delay [samples], below which an element is dropped before
+        a simulation. A short lag makes it stiff, and a delay does nearly the same. A delay below its limit
+        changes no line by 1e-3.
     linear_rounds : int
         Linear effects that are added to the stack before a law is judged: no development trial needed more
         than two.
@@ -178,6 +179,7 @@ class DecisionSettings:
     corner: float = 0.5
     lag_share: float = 0.5
     vanished: float = 0.02
+    vanished_delay: float = 3e-4
     linear_rounds: int = 3
     linear_fall: float = 0.25
     significant: float = 3.0

@@ -93,7 +93,7 @@ def decide(evidence: Evidence) -> Decision:
         or best.cost >= evidence.null.cost
         or not steady
         or (evidence.beaten_by and not adequate)  # by little, along the measured motion with its errors
-        or not (best.has_reliable_share or evidence.margin(best) >= settings.named_margin)
+        or not (adequate or best.has_reliable_share or evidence.margin(best) >= settings.named_margin)
     ):
         return Decision(UNKNOWN, (), reasons, left)
     return Decision(NEAREST, effects, reasons, left)
