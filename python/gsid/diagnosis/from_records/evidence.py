@@ -236,23 +236,12 @@ class Evidence:
 
     def best(self) -> Simulated:
         """The law that leaves least, or a simpler one of its family that is not significantly worse."""
-        least = self.least()
+        least = min(self.laws, key=lambda one: one.kept)
         members = [one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)]
         top = min(members, key=lambda one: one.cost)
         good = [one for one in members if not self.is_worse(one, top)]
         best = min(good, key=lambda one: (n_parameters(one), one.cost))
         return self.likeliest(best)
-
-    def least(self) -> Simulated:
-        """The law that leaves least where it was not fitted, unless another one is far likelier.
-
-        Where only noise is left, the scatter of what is kept out is larger than the misfit of a weak law.
-        """
-        least = min(self.laws, key=lambda one: one.kept)
-        adequate = [one for one in self.laws if self.is_adequate(one)]
-        likeliest = min(adequate, key=self.priced, default=least)
-        is_far = self.is_adequate(least) and self.is_less_likely(least, likeliest)
-        return likeliest if is_far else least
 
     def likeliest(self, best: Simulated) -> Simulated:
         """A linear effect instead of the best law, if it is likelier or simpler, and only noise is left.
