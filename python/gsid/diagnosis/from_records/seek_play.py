@@ -110,7 +110,7 @@ def _best(
         if found is None or (best is not None and found.cost >= best[0].cost):
             continue
         if run.given is None and not run.evidence().is_adequate(found):
-            found, structure = _with_hidden_mode(run, fits, found, structure, work)
+            found, structure = _with_hidden_mode(run, fits, found, structure)
         best = found, structure
         if run.evidence().is_adequate(found):
             break
@@ -118,9 +118,13 @@ def _best(
 
 
 def _with_hidden_mode(
-    run: Run, fits: Simulations, found: Simulated, structure: PlantModel, work: Deadline
+    run: Run, fits: Simulations, found: Simulated, structure: PlantModel
 ) -> tuple[Simulated, PlantModel]:
-    """The fit with the mode that explains most of what it leaves, if that is better, and its structure."""
+    """The fit with the mode that explains most of what it leaves, if that is better, and its structure.
+
+    It has work of its own: the fit without the mode may have used up that of all structures.
+    """
+    work = run.deadline.bounded(run.settings.moves_of_play)
     more = fits.fit_hidden_mode(found, run.null.fit.cost, work)
     if more is None or more.fit.cost >= found.fit.cost:
         return found, structure
