@@ -23,7 +23,7 @@ from gsid.plant.periodic import PeriodicPlant
 
 ROUNDS = 4  # two reach the noise of the fit; beyond, other collisions change the cost, and the least is taken
 SEED = 16  # of the noise, the same in all rounds: a new draw would move the values by its own error
-NOISE_LEFT = 1.15  # cost per degree of freedom at which there is no bias to remove
+NOISE_LEFT = 1.15  # cost per degree of freedom at which only noise is left
 LARGEST_RATIO = 2.0  # of a value in one round: the bias is smaller, and a fit may send a lag to zero
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import MODE
+from gsid.diagnosis.joint_bias import NOISE_LEFT
 from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
@@ -33,7 +34,6 @@ SAME = 10.0  # fall of the cost by which a restart has to be better
 NOISE = 0.05  # p-value of noise at which a fit needs no restart
 DOUBTFUL = 2.0  # kept-out cost, linearised, over that of the fit, from which it is repeated by refits
 MOST = 0.5  # share of what is left that a hidden mode has to explain
-ENOUGH = 1.15  # cost per degree of freedom at which one that has converged needs none: only noise is left
 
 
 def may_have_play(model: PlantModel) -> bool:
@@ -216,4 +216,4 @@ def left_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
 
 def _leaves_noise(fit: PlantFit) -> bool:
     """Whether a fit needs no restart."""
-    return fit.noise_p_value > NOISE or (fit.converged and fit.cost_per_dof <= ENOUGH)
+    return fit.noise_p_value > NOISE or (fit.converged and fit.cost_per_dof <= NOISE_LEFT)

@@ -69,8 +69,9 @@ class DecisionSettings:
         is one iteration: a law that cannot catch up often shows it there.
     moves_most, moves_of_fit, moves_of_play : float
         Most work of the fits by simulation of a round, of one fit, and of play between motor and load beside
-        all its structures, which is tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move
-        takes 30 to 60 ns on the axes of the trials, up to 400 ns beside a stop with periods of 60 samples:
+        all its structures, which is tried last, and again with a hidden mode, in moves of one column
+        (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns on the axes of the trials, up to 400 ns beside
+        a stop with periods of 60 samples:
         they bound the time without a clock. Most fits of the trials take 2e6 to 2e8, the hysteretic benchmark
         2e7; stiff hysteresis and wide stops took up to 7e9.
     rival_share : float
