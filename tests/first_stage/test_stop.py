@@ -206,3 +206,11 @@ def test_bug_an_element_of_the_quiet_records_alone_stood_for_the_lag(caplog):
     assert found.model["hard_stop.angle_deg"].value == pytest.approx(
         trial.key["truth"]["stop_angle_deg"], rel=0.001
     )
+
+
+@pytest.mark.trial
+def test_bug_a_weak_stop_was_nearest_to_a_rounding_of_the_command():
+    """A drop of 130, of which the rounding leaves 113; it had less on the records kept out by chance."""
+    drawn = hard.make_hard(110016, 38, "single")
+    found = gsid.diagnose_records([record_of(u, y) for u, y in drawn.records])
+    assert "hard_stop" in found.effects

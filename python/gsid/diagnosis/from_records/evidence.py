@@ -75,6 +75,17 @@ class Evidence:
         null, laws = weighed(self.null, self.laws, best, self.settings)
         return replace(self, null=null, laws=laws)
 
+    def kept(self, one: Simulated) -> float:
+        """Kept-out cost; that of the linear part for a law that lowers no cost.
+
+        Linearised at a strength of 0 any shape of a law is as good, and the records left out may choose one.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return one.kept if one.cost < self.null.cost else max(one.kept, self.null.kept)
+
     def excess(self, one: Simulated) -> float:
         """Kept-out cost above noise.
 
@@ -82,7 +93,7 @@ class Evidence:
         ----------
         one : Simulated
         """
-        return max(one.kept - self.floor - self.noise, 0.0)
+        return max(self.kept(one) - self.floor - self.noise, 0.0)
 
     def share(self, one: Simulated) -> float:
         """Share of the misfit that a law explains, on what is kept out.
@@ -156,8 +167,8 @@ class Evidence:
         ----------
         one : Simulated
         """
-        least = min(other.kept for other in [self.null, *self.rivals(one)])
-        return max(least - self.floor, 0.0) / max(one.kept - self.floor, self.noise / 2)
+        least = min(self.kept(other) for other in [self.null, *self.rivals(one)])
+        return max(least - self.floor, 0.0) / max(self.kept(one) - self.floor, self.noise / 2)
 
     def lead(self, one: Simulated) -> float:
         """Drop of the cost against the best rival of another family, or nothing missing.
@@ -228,7 +239,7 @@ class Evidence:
         one, best : Simulated
         """
         simpler = n_parameters(one) < n_parameters(best)
-        if self.has_model_error and simpler and one.kept < self.settings.member_ratio * best.kept:
+        if self.has_model_error and simpler and self.kept(one) < self.settings.member_ratio * self.kept(best):
             return False
         scale = max(best.cost / best.fit.n_dof, 1.0)
         share = 0.0 if self.is_adequate(best) else self.settings.worse_share * best.fit.n_dof
@@ -236,12 +247,23 @@ class Evidence:
 
     def best(self) -> Simulated:
         """The law that leaves least, or a simpler one of its family that is not significantly worse."""
-        least = min(self.laws, key=lambda one: one.kept)
+        least = self.least()
         members = [one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)]
         top = min(members, key=lambda one: one.cost)
         good = [one for one in members if not self.is_worse(one, top)]
         best = min(good, key=lambda one: (n_parameters(one), one.cost))
         return self.likeliest(best)
+
+    def least(self) -> Simulated:
+        """The law that leaves least where it was not fitted, unless another one is far likelier.
+
+        Where only noise is left, the scatter of what is kept out is larger than the misfit of a weak law.
+        """
+        least = min(self.laws, key=self.kept)
+        adequate = [one for one in self.laws if self.is_adequate(one)]
+        likeliest = min(adequate, key=self.priced, default=least)
+        is_far = self.is_adequate(least) and self.is_less_likely(least, likeliest)
+        return likeliest if is_far else least
 
     def likeliest(self, best: Simulated) -> Simulated:
         """A linear effect instead of the best law, if it is likelier or simpler, and only noise is left.

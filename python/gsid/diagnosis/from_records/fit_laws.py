@@ -199,15 +199,20 @@ def _add_bias(run: Run, fits: Simulations) -> None:
             run.laws[i] = fitted
     _try_cubic(run, fits, best)
     _try_unbalance(run, fits)
-    _try_stop(run, fits, best)
+    _try_stop(run, fits, run.evidence().best())
     run.decide()
 
 
 def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
-    """A cubic spring that a constant torque has shifted, in place of the best law."""
-    if CUBIC not in run.without:
-        start = cubic_in_place_of_cogging(best) or cubic_in_place_of_unbalance(best)
-        _try_in_place(run, fits, start, CUBIC, best)
+    """A cubic spring that a constant torque has shifted, in place of the best law.
+
+    If that is not confirmed, in place of the likeliest law that has the shape of one.
+    """
+    if CUBIC in run.without:
+        return
+    others = [] if run.decision.verdict == MISSING else sorted(run.laws, key=run.evidence().priced)
+    starts = (cubic_in_place_of_cogging(one) or cubic_in_place_of_unbalance(one) for one in [best, *others])
+    _try_in_place(run, fits, next((start for start in starts if start is not None), None), CUBIC, best)
 
 
 def _try_unbalance(run: Run, fits: Simulations) -> None:
