@@ -159,13 +159,14 @@ class Run:
 
     @property
     def noise_p_value(self) -> float:
-        """p-value of what is left by the simulated linear part, or by its response: the larger one.
+        """p-value of what the simulated linear part leaves.
 
         The simulation of an input without hold has images of the lines at four times the sample rate: with
-        very little noise they are larger than it.
+        very little noise they are larger than it. There the larger one of two p-values counts, that of the
+        simulation and that of the response.
         """
         p_value = self.null.fit.noise_p_value
-        if self.known:
+        if self.known or all(one.hold == "zoh" for one in self.measured):
             return p_value
         stage, n_free = self.draft.stage, len(self.null.model.free_names)
         n_dof = max(stage.n_rows - n_free, 1)
