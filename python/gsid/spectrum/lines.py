@@ -61,12 +61,12 @@ def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> 
     )
     check(status, "transforming the periods")
     if settle_samples % n_period:  # settling not a whole number of periods
-        lines *= _phase_factors(line, settle_samples, n_period)
+        lines *= phase_factors(line, settle_samples, n_period)
     return lines
 
 
-def _phase_factors(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
-    """Phase factor of each line after n_samples. The angle is reduced in integer arithmetic."""
+def phase_factors(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
+    """Compute the phase factor of each line after n_samples. The angle is reduced in integer arithmetic."""
     return np.exp(-2j * np.pi * (line.astype(np.int64) * (n_samples % n_period) % n_period) / n_period)
 
 
@@ -121,11 +121,29 @@ def bins_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) ->
         Independent numbers around each line with the variance of one period's line.
     """
     n_periods, n_lines = lines.shape
-    lines = lines * _phase_factors(np.arange(n_lines), settle_samples, n_period).conj()
-    whole = np.fft.fft(np.concatenate([period_of(one, n_period) for one in lines]))
+    whole = bins_of_record(lines, n_period, settle_samples)
     around = np.arange(-((n_periods - 1) // 2), n_periods // 2 + 1)
     bins = n_periods * np.arange(n_lines)[:, None] + around[around != 0]
     scale = np.full(n_lines, (2.0 / n_period) / np.sqrt(n_periods))
     real = np.arange(n_lines) * 2 % n_period == 0
     scale[real] /= 2
     return whole[bins % len(whole)] * scale[:, None]
+
+
+def bins_of_record(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
+    """Transform all periods together.
+
+    Parameters
+    ----------
+    lines : (P, K) complex ndarray
+    n_period : int
+    settle_samples : int
+        As `variance_between_lines`.
+
+    Returns
+    -------
+    (P N,) complex ndarray
+        Not scaled; line k is bin k P.
+    """
+    lines = lines * phase_factors(np.arange(lines.shape[1]), settle_samples, n_period).conj()
+    return np.fft.fft(np.concatenate([period_of(one, n_period) for one in lines]))

@@ -45,16 +45,20 @@ def leave_out_ringing_lines(run: Run) -> bool:
     if not any(mask.any() for mask in masks):
         return False
     run.measured, run.judged = (
-        [replace(one, left_out=mask) for one, mask in zip(records, masks, strict=True)]
+        [_leave_out(one, mask) for one, mask in zip(records, masks, strict=True)]
         for records in (run.measured, run.judged)
     )
     run.known_fits = {}
-    run.notes.append(_note(run.measured))
+    run.notes.append(_note(run.measured, masks))
     return True
 
 
-def _note(measured: list[Spectra]) -> str:
-    f_hz = sorted({float(f) for one in measured for f in one.f_hz[one.left_out]})
+def _leave_out(one: Spectra, mask: np.ndarray) -> Spectra:
+    return replace(one, left_out=mask if one.left_out is None else mask | one.left_out)
+
+
+def _note(measured: list[Spectra], masks: list[np.ndarray]) -> str:
+    f_hz = sorted({float(f) for one, mask in zip(measured, masks, strict=True) for f in one.f_hz[mask]})
     where = ", ".join(f"{f:.4g}" for f in f_hz)
     lines = f"The line at {where} Hz is" if len(f_hz) == 1 else f"The lines at {where} Hz are"
     why = "noise rings there with a resonance of the axis for longer than a record, and its size is unknown"
@@ -75,14 +79,19 @@ def _structure(run: Run) -> Stack:
 def _ringing(one: Spectra, stack: Stack, most: float) -> np.ndarray:
     """Lines on which the noise may be more than so many times that between the lines, (K,) bool."""
     found = np.zeros(len(one.line), bool)
-    for f_hz, decay_per_s in _resonances(stack):
+    for f_hz, decay_per_s in resonances(stack):
         near = np.flatnonzero(np.abs(one.f_hz - f_hz) < one.f_hz[1])
         found[near] |= noise_ratio(one, near, f_hz, max(decay_per_s, SLOWEST)) > most
     return found
 
 
-def _resonances(stack: Stack) -> Iterator[tuple[float, float]]:
-    """Frequency [Hz] and decay [1/s] of the sprung body and of each mode."""
+def resonances(stack: Stack) -> Iterator[tuple[float, float]]:
+    """Frequency [Hz] and decay [1/s] of the sprung body and of each mode.
+
+    Parameters
+    ----------
+    stack : dict of dict of float
+    """
     stiffness = damping = 0.0
     for label, params in stack.items():
         kind = linear_part_of(label).linear_part

@@ -1,0 +1,55 @@
+"""Periodic disturbances between the lines, such as a fan: they are subtracted before the search for a law."""
+
+from __future__ import annotations
+
+from gsid.diagnosis.from_records.ringing_lines import resonances
+from gsid.diagnosis.from_records.run import Run
+from gsid.spectrum.fan import find_fans, without_fans
+from gsid.spectrum.spectra import Spectra
+from gsid.spectrum.tones import Tone
+
+SHARP = 20.0  # a resonance that decays by e less often in a record rings like a sine
+NEAR = 0.35  # of its frequency: a given model may be that far off
+
+
+def subtract_fans(run: Run) -> None:
+    """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
+
+    Parameters
+    ----------
+    run : Run
+        With its linear stack, in an open loop.
+    """
+    if run.loop is not None or run.in_closed_loop or run.stack.has_controller:
+        return
+    found = [[tone for tone in find_fans(one) if not _rings(run, one, tone)] for one in run.measured]
+    if not any(found):
+        return
+    run.measured, run.judged = (
+        [without_fans(one, tones) for one, tones in zip(records, found, strict=True)]
+        for records in (run.measured, run.judged)
+    )
+    run.known_fits = {}
+    run.notes.append(_note([tone for tones in found for tone in tones], run.measured[0]))
+
+
+def _rings(run: Run, one: Spectra, tone: Tone) -> bool:
+    record_s = one.n_periods * one.period_samples / one.fs_hz
+    return any(
+        decay_per_s * record_s < SHARP and abs(tone.f_hz - f_hz) < max(NEAR * f_hz, one.f_hz[1])
+        for f_hz, decay_per_s in resonances(run.stack.stack())
+    )
+
+
+def _note(tones: list[Tone], one: Spectra) -> str:
+    """The largest of each frequency; two within a line are one."""
+    largest: list[Tone] = []
+    for tone in sorted(tones, key=lambda each: -each.amplitude):
+        if all(abs(tone.f_hz - other.f_hz) > one.f_hz[1] for other in largest):
+            largest.append(tone)
+    named = ", ".join(
+        f"{tone.f_hz:.4g} Hz ({tone.amplitude:.2g} {one.y_unit}".rstrip() + ")" for tone in largest
+    )
+    what = "A periodic disturbance" if len(largest) == 1 else "Periodic disturbances"
+    verb = "is" if len(largest) == 1 else "are"
+    return f"{what} of {named} {verb} subtracted, and the lines beside it left out."
