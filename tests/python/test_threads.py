@@ -1,5 +1,6 @@
 """The library in threads beside each other, and in children forked while they run."""
 
+import inspect
 import json
 import re
 import subprocess
@@ -7,8 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from threadpoolctl import ThreadpoolController
 
 import gsid
+from gsid.base.threads import with_one_thread_for_algebra
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 HERE = Path(__file__).parent
@@ -114,3 +117,39 @@ def test_a_child_does_not_wait_for_a_property_that_a_thread_computed():
     assert (done.stdout, done.stderr) == ("0\n", "")
     for path in PACKAGE.rglob("*.py"):
         assert "functools import cached_property" not in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_matrix_algebra_keeps_to_one_thread_while_a_fit_runs(fails):
+    """With two, a first draft took twice the processor time, and three times on busy cores."""
+    seen = []
+
+    @with_one_thread_for_algebra
+    def fit(error):
+        seen.append(n_of_algebra())
+        if error:
+            raise error
+        return "a fit"
+
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        if fails:
+            with pytest.raises(KeyError):
+                fit(KeyError("a reason"))
+        else:
+            assert fit(None) == "a fit"
+        assert n_of_algebra() == {2}
+    assert seen == [{1}]
+
+
+def n_of_algebra():
+    libraries = ThreadpoolController().select(user_api="blas")
+    assert len(libraries)
+    return {one["num_threads"] for one in libraries.info()}
+
+
+@pytest.mark.parametrize("function", [gsid.start, gsid.diagnose_records, gsid.fit_plant])
+def test_the_long_functions_keep_matrix_algebra_to_one_thread(function):
+    """Whatever a program that calls them has set; their text and signature stay."""
+    code = inspect.unwrap(function)
+    assert code is not function
+    assert (function.__doc__, inspect.signature(function)) == (code.__doc__, inspect.signature(code))

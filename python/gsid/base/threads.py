@@ -1,14 +1,18 @@
-"""Independent jobs on the usable cores."""
+"""Independent jobs on the usable cores, and the threads of matrix algebra."""
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
 
 
 N_THREADS = "GSID_THREADS"  # environment variable: most threads, where processes share the cores
@@ -58,3 +62,28 @@ def in_parallel(
         finally:  # after an exception: those that wait do not start
             for one in running.values():
                 one.cancel()
+
+
+def with_one_thread_for_algebra(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Keep the algebra libraries of NumPy and SciPy to one thread while a function runs.
+
+    The matrices of a fit are small: threads that wait for each other cost more than they calculate, and twice
+    as much on busy cores.
+
+    Parameters
+    ----------
+    function : callable
+    """
+
+    @functools.wraps(function)
+    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        with _algebra().limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
+
+
+@functools.cache
+def _algebra() -> ThreadpoolController:
+    """The libraries that are loaded: NumPy and SciPy are imported before a fit."""
+    return ThreadpoolController()

@@ -23,7 +23,7 @@ from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
 from gsid.base.tables import paragraphs
-from gsid.base.threads import n_threads
+from gsid.base.threads import n_threads, with_one_thread_for_algebra
 from gsid.greybox.problem import METHODS, SOLVERS, Minimum, Problem
 from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import whiten
@@ -313,6 +313,7 @@ def require_motion(fit: PlantFit) -> None:
         raise InputError("the model does not move", fit.records[0].name, None, hint)
 
 
+@with_one_thread_for_algebra
 def fit_plant(
     model: PlantModel,
     records: Record | Spectra | Sequence[Record | Spectra],

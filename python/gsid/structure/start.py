@@ -15,6 +15,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import ALIKE, DECLARE, MEANING, READINGS, likelier, other_reading
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
+from gsid.base.threads import with_one_thread_for_algebra
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
@@ -219,6 +220,7 @@ class Start(Plottable):
         return self.table().html() + Table((), [[text] for text in self.notes()]).html()
 
 
+@with_one_thread_for_algebra
 def start(
     records: Record | Spectra | Sequence[Record | Spectra],
     *,

@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.threads import with_one_thread_for_algebra
 from gsid.diagnosis.closed_loop import in_closed_loop
 from gsid.diagnosis.from_records.draw_up import draw_up, give_up
 from gsid.diagnosis.from_records.equal_weights import weigh_model_error
@@ -40,6 +41,7 @@ from gsid.records.record import Record
 from gsid.spectrum.spectra import Spectra
 
 
+@with_one_thread_for_algebra
 def diagnose_records(
     records: Record | Spectra | Sequence[Record | Spectra],
     model: PlantModel | None = None,
