@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,7 @@ def linear_view(
     radians_per_unit: float = 1.0,
     held: bool = True,
     hold: np.ndarray | None = None,
+    sensor_hold: Callable[[float], np.ndarray] | None = None,
 ) -> LinearView:
     """Responses of a stack's linear part (DIA-4).
 
@@ -79,6 +80,9 @@ def linear_view(
         Whether the command is held over each sample.
     hold : (K,) complex ndarray, optional
         The response of the hold (`hold_factor`), if it is known.
+    sensor_hold : callable, optional
+        Gives the response of a sensor that is sampled and held at a rate [Hz], at the frequencies. Default:
+        `hold_factor`, which is exact where a period has a whole number of samples between its values.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def linear_view(
     sensor = _lag(parts["lag of the sensor"], s)
     for (rate_hz,) in parts["hold"]:
         if rate_hz > 0:  # 0: no hold
-            sensor = sensor * hold_factor(f, rate_hz)
+            sensor = sensor * (sensor_hold(rate_hz) if sensor_hold else hold_factor(f, rate_hz))
     if output_angle:
         sensor = sensor / s
     loop = 1 / (1 + driven * body * _feedback(parts, f, fs_hz))

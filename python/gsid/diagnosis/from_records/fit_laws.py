@@ -14,6 +14,7 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
+from gsid.diagnosis.from_records.larger_laws import not_excluded
 from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
@@ -111,6 +112,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
     if run.laws:
         _add_bias(run, fits)
         _finish_best(run, fits)
+        _try_larger(run, fits)
         _fit_null_again(run, fits)
     is_noise = run.null is not None and run.noise_p_value >= run.alpha
     if run.given and run.laws and is_noise and not run.is_significant:
@@ -130,6 +132,23 @@ def _finish_best(run: Run, fits: Simulations) -> None:
         return
     finished = fits.finished(best)
     run.laws = [finished if one is best else one for one in run.laws]
+    run.decide()
+
+
+def _try_larger(run: Run, fits: Simulations) -> None:
+    """Laws that contain the best one, where it leaves more than noise and the first stage did not keep them.
+
+    Their shapes may show only along the simulated motion, as that of a friction at low speed behind a slow
+    sensor.
+    """
+    best = run.final
+    if best is None or run.in_closed_loop or best.model.has_controller or run.evidence().is_adequate(best):
+        return
+    known = {*run.without, *(each for one in run.laws for each in one.effects)}
+    for larger in not_excluded(best.fit, best.effects[0], known, run.settings):
+        fitted = fits.fit(larger.model, (larger.effect,), best.cost)
+        if fitted is not None and fitted.cost < best.cost:
+            run.laws.append(fitted)
     run.decide()
 
 

@@ -43,7 +43,7 @@ def short_list(
     """
     if draft.stage.ranking[0].effects == (HOLD,):  # its images are its evidence
         return [Candidate(HOLD, started(draft, draft.stage.ranking[0], pruned))]
-    fitted = [one for one in draft.stage.ranking if one.share_kept_out >= settings.rival_share]
+    fitted = [one for one in draft.stage.ranking if _share(one, draft) >= settings.rival_share]
     if not fitted:
         return []
     winner = fitted[0]
@@ -61,6 +61,18 @@ def short_list(
         base = pruned(with_stack(draft.model, winner.linear))
         listed.append(Candidate(simpler, base.with_effect(simpler, winner.params)))
     return listed
+
+
+def _share(one: Ranked, draft: Draft) -> float:
+    """Share of the misfit that a law explains; behind a sensor that is sampled and held, the larger of two.
+
+    What such a sensor folds into the band is an error of the first stage. With the weights of a model error
+    it hides what a law explains with those of noise, and the simulation contains it.
+    """
+    if HOLD not in draft.stage.linear:
+        return one.share_kept_out
+    misfit = draft.stage.cost_per_dof - 1
+    return max(one.share_kept_out, 1 - (one.cost_per_dof - 1) / misfit if misfit > 0 else 0.0)
 
 
 def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel]) -> PlantModel:

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from gsid._lib import check, ffi, lib
-from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem
+from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem, linear_part_of
 from gsid.plant.linear_response import LinearView, linear_view
+from gsid.response.sample_hold import held_response
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,22 +67,33 @@ def motions(problem: Problem, part: LinearPart) -> list[Motion]:
     views: dict[int, tuple[np.ndarray, LinearView]] = {}
     for r in problem.records:
         if r.group not in views:
-            line = _lines_of_motion(problem, r)
+            line, one = _lines_of_motion(problem, part, r), r.spectra
+            f_hz = one.f_hz[line]
             view = linear_view(
                 part.stack,
-                r.spectra.f_hz[line],
-                r.spectra.fs_hz,
+                f_hz,
+                one.fs_hz,
                 output_angle=problem.output_angle,
                 radians_per_unit=problem.radians,
-                held=r.spectra.hold != "none" or problem.closed_loop,
+                held=one.hold != "none" or problem.closed_loop,
+                sensor_hold=lambda rate_hz, f_hz=f_hz, one=one: held_response(
+                    f_hz, rate_hz, one.fs_hz, one.period_samples
+                ),
             )
             views[r.group] = line, view
     return [_motion(problem, part, r, *views[r.group]) for r in problem.records]
 
 
-def _lines_of_motion(problem: Problem, r: Lines) -> np.ndarray:
-    top = min(math.ceil(problem.settings.motion_band * r.line[-1]), (r.spectra.period_samples - 1) // 2)
-    return np.arange(1, top + 1)
+def _lines_of_motion(problem: Problem, part: LinearPart, r: Lines) -> np.ndarray:
+    """Lines that show the motion; beyond half the rate of a held sensor there are images of others."""
+    rates_hz = [
+        params["rate_hz"]
+        for label, params in part.stack.items()
+        if linear_part_of(label).linear_part == "hold"
+    ]
+    slowest_hz = min([r.spectra.fs_hz, *(rate_hz for rate_hz in rates_hz if rate_hz > 0)])
+    most = (math.ceil(slowest_hz / r.spectra.f_hz[1]) - 1) // 2
+    return np.arange(1, min(math.ceil(problem.settings.motion_band * r.line[-1]), most) + 1)
 
 
 def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view: LinearView) -> Motion:

@@ -26,7 +26,7 @@ from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import input_period, longest_delay_s
 from gsid.plant.units import RADIANS
-from gsid.response.sample_hold import MeanOutput, rounding
+from gsid.response.sample_hold import MeanOutput, held_response, rounding
 from gsid.spectrum.spectra import Spectra
 
 ONE_BY_ONE = {"backlash", "hold", "loop"}  # linear parts that take one value at a time
@@ -189,6 +189,7 @@ class Problem:
             self.records.append(_lines(one, np.flatnonzero(used), variance, kinds.index(kind), y))
         self.n_groups = len(kinds)
         self._known_lines: dict[tuple[int, int], tuple[np.ndarray, np.ndarray | None]] = {}
+        self._known_holds: dict[tuple[int, int, float], np.ndarray] = {}
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
 
@@ -219,7 +220,16 @@ class Problem:
             radians_per_unit=self.radians,
             held=hold is not None,
             hold=hold,
+            sensor_hold=lambda rate_hz: self._sensor_hold(group, images, rate_hz),
         )
+
+    def _sensor_hold(self, group: int, images: int, rate_hz: float) -> np.ndarray:
+        """Response of a sensor that is sampled and held, at the lines of `view` (BLA-4)."""
+        key = group, images, rate_hz
+        if key not in self._known_holds:
+            one, (f_hz, _) = self.first[group].spectra, self._lines_of_view(group, images)
+            self._known_holds[key] = held_response(f_hz, rate_hz, one.fs_hz, one.period_samples)
+        return self._known_holds[key]
 
     def _lines_of_view(self, group: int, images: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Frequencies of `view`, and the response of the hold there, which is the same in all evaluations."""
