@@ -43,7 +43,7 @@ def short_list(
     """
     if draft.stage.ranking[0].effects == (HOLD,):  # its images are its evidence
         return [Candidate(HOLD, started(draft, draft.stage.ranking[0], pruned))]
-    fitted = [one for one in draft.stage.ranking if _share(one, draft) >= settings.rival_share]
+    fitted = _worth_a_fit(draft, settings.rival_share)
     if not fitted:
         return []
     winner = fitted[0]
@@ -63,16 +63,24 @@ def short_list(
     return listed
 
 
-def _share(one: Ranked, draft: Draft) -> float:
-    """Share of the misfit that a law explains; behind a sensor that is sampled and held, the larger of two.
+def _worth_a_fit(draft: Draft, least: float) -> list[Ranked]:
+    """Laws that explain enough of what was kept out; without one, or behind a held sensor, of the cost too.
 
-    What such a sensor folds into the band is an error of the first stage. With the weights of a model error
-    it hides what a law explains with those of noise, and the simulation contains it.
+    Several records may determine a law together and none of them alone. What a sensor that is sampled and
+    held folds into the band is an error of the first stage, and hides what a law explains.
+
+    Parameters
+    ----------
+    draft : Draft
+    least : float
+        Share.
     """
-    if HOLD not in draft.stage.linear:
-        return one.share_kept_out
+    kept = [one for one in draft.stage.ranking if one.share_kept_out >= least]
+    if kept and HOLD not in draft.stage.linear:
+        return kept
     misfit = draft.stage.cost_per_dof - 1
-    return max(one.share_kept_out, 1 - (one.cost_per_dof - 1) / misfit if misfit > 0 else 0.0)
+    most = 1 + (1 - least) * misfit  # cost of a law that explains as much of it
+    return [one for one in draft.stage.ranking if one in kept or (misfit > 0 and one.cost_per_dof <= most)]
 
 
 def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel]) -> PlantModel:
