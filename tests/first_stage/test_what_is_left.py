@@ -9,7 +9,7 @@ from from_records_study import family_of, record_of
 from scipy import stats
 
 import gsid
-from gsid.diagnosis.from_records.what_is_left import what_is_left
+from gsid.diagnosis.from_records.what_is_left import FRICTION_OVER_ANGLE, what_is_left
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect, Param
@@ -49,13 +49,13 @@ def p_values(truth, fitted, runs=RUNS):
 
 
 def test_noise_depends_on_no_coordinate():
-    """The three p-values are multiplied by three: below 0.3 in 10 % of the runs."""
+    """The four p-values are multiplied by four: below 0.4 in 10 % of the runs."""
     truth = plant(LINEAR | COULOMB)
     found = p_values(truth, truth)
-    assert set(found[0]) == {"the angle", "the rate", "the command"}
+    assert set(found[0]) == {"the angle", "the rate", "the command", FRICTION_OVER_ANGLE}
     most = stats.binom.ppf(0.999, RUNS, 0.1)
     for name in found[0]:
-        assert sum(one[name] < 0.3 for one in found) <= most, name
+        assert sum(one[name] < 0.4 for one in found) <= most, name
 
 
 @pytest.mark.parametrize(
@@ -89,3 +89,14 @@ def test_a_quantized_drive_does_not_stand_for_friction():
     found = gsid.diagnose_records(records, without=family_of("presliding_friction"))
     assert not found.named
     assert any("depends on the rate" in reason for reason in found.reasons), found.reasons
+
+
+@pytest.mark.parametrize(("seed", "index"), [(110024, 1), (105014, 3)])
+def test_bug_a_friction_that_differs_over_the_angle_was_called_coulomb_friction(seed, index):
+    """That explains 90 to 95 % of it, and leaves 1.05 times the power of noise: a law that is not in the
+    catalogue was named from each start (blind studies)."""
+    trial = hard.make_hard(seed, index, "foreign")
+    assert [effect["id"] for effect in trial.key["effects"]] == ["friction_of_angle"]
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert found.verdict == "nearest_effect"
+    assert any(FRICTION_OVER_ANGLE in reason for reason in found.reasons), found.reasons

@@ -1,4 +1,4 @@
-"""Whether what a law leaves depends on the angle, the rate or the command: a score test (DIA-13).
+"""What a law leaves: does it depend on angle, rate, command, or direction at each angle? (DIA-13)
 
 A wrong law may leave so little that its cost is that of noise: a test of thousands of numbers together sees
 no hundred that are left. What another law would explain lies in few directions: those of smooth functions of
@@ -20,6 +20,8 @@ from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem, li
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.greybox.fit import PlantFit
 from gsid.plant.linear_response import BACKLASH
+
+FRICTION_OVER_ANGLE = "the direction of motion, differently at each angle"
 
 
 def what_is_left(fit: PlantFit) -> dict[str, float]:
@@ -65,11 +67,13 @@ def _columns(problem: Problem, part: LinearPart) -> tuple[list[np.ndarray], dict
     moved, entries, n = motions(problem, part), problem.responses(part), problem.settings.free_functions
     over_angle, over_rate = smooth([m.angle for m in moved], n), smooth([m.rate for m in moved], n)
     over_command = smooth([r.command for r in problem.records], n)
-    linear, functions = [], {"the angle": [], "the rate": [], "the command": []}
+    linear, functions = [], {"the angle": [], "the rate": [], "the command": [], FRICTION_OVER_ANGLE: []}
     for r, m in zip(problem.records, moved, strict=True):
         answers = _Answers(r, m, *entries[r.group])
         linear.append(np.vstack([answers.to_torques(m.angle, m.rate), answers.to_commands(r.command)]))
-        functions["the angle"].append(answers.to_torques(over_angle(m.angle)))
+        of_angle = over_angle(m.angle)
+        functions["the angle"].append(answers.to_torques(of_angle))
+        functions[FRICTION_OVER_ANGLE].append(answers.to_torques(of_angle * m.side))
         functions["the rate"].append(answers.to_torques(over_rate(m.rate), m.side))
         functions["the command"].append(answers.to_commands(over_command(r.command)))
     return linear, functions
