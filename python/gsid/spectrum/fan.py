@@ -46,6 +46,8 @@ def find_fans(one: Spectra) -> list[Tone]:
 def without_fans(one: Spectra, tones: Sequence[Tone]) -> Spectra:
     """Subtract sines from the output, and leave out the lines beside them.
 
+    Their noise is too small without the bins of the sine: no response is estimated there.
+
     Parameters
     ----------
     one : Spectra
@@ -59,7 +61,8 @@ def without_fans(one: Spectra, tones: Sequence[Tone]) -> Spectra:
     samples = sum(tone.at(t_s) for tone in tones).reshape(one.n_periods, n)
     part = lines_of(samples) * phase_factors(one.line, one.settle_samples, n)
     beside = np.any([_beside(one, tone) for tone in tones], axis=0)
-    return replace(one, Y=one.Y - part, left_out=beside if one.left_out is None else beside | one.left_out)
+    left_out = beside if one.left_out is None else beside | one.left_out
+    return replace(one, Y=one.Y - part, left_out=left_out, excited=one.excited & ~beside)
 
 
 def _repeats(u: np.ndarray) -> bool:

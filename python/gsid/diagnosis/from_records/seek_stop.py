@@ -27,12 +27,14 @@ from gsid.diagnosis.from_records.stop_edges import (
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.start import start
 
+OF_BODY = ("gain", "damping", "spring")  # kinds of linear effects
 STEPS = 25  # iterations of each fit
 MISFIT = 1.3  # cost per degree of freedom from which on a law may be missing that the first stage cannot see
 
@@ -91,8 +93,22 @@ def _linear_part_of(run: Run, quiet: Sequence[Spectra]) -> PlantFit | None:
     run.on_step("fitting the linear part to the records of the lower levels")
     if run.given is not None:
         return next(_adequate(run, _given_structures(run, quiet), quiet), None)
-    structures = [one for one in (_own_structure(run, quiet), run.stack) if one is not None]
+    own = _own_structure(run, quiet)
+    structures = [run.stack] if own is None else [own, run.stack, _with_body_of(run.stack, own)]
     return min(_adequate(run, structures, quiet), key=lambda one: len(one.model.free_names), default=None)
+
+
+def _with_body_of(stack: PlantModel, other: PlantModel) -> PlantModel:
+    """A stack with the values of another one's body: a stop changes those that all records show.
+
+    Lag, delay and modes are the same at all levels.
+    """
+    values = {name: stack[name].value for name in stack.free_names}
+    labels = [label for label, effect in stack.labels() if find(effect.id).linear_part in OF_BODY]
+    for name in set(stack.free_names) & set(other.free_names):
+        if name.rpartition(".")[0] in labels:
+            values[name] = other[name].value
+    return stack.with_values(list(values.values()))
 
 
 def _adequate(run: Run, structures: Iterable[PlantModel], quiet: Sequence[Spectra]) -> Iterator[PlantFit]:

@@ -43,7 +43,7 @@ def short_list(
     """
     if draft.stage.ranking[0].effects == (HOLD,):  # its images are its evidence
         return [Candidate(HOLD, started(draft, draft.stage.ranking[0], pruned))]
-    fitted = _worth_a_fit(draft, settings.rival_share)
+    fitted = _worth_a_fit(draft, settings)
     if not fitted:
         return []
     winner = fitted[0]
@@ -63,24 +63,26 @@ def short_list(
     return listed
 
 
-def _worth_a_fit(draft: Draft, least: float) -> list[Ranked]:
+def _worth_a_fit(draft: Draft, settings: DecisionSettings) -> list[Ranked]:
     """Laws that explain enough of what was kept out; without one, or behind a held sensor, of the cost too.
 
-    Several records may determine a law together and none of them alone. What a sensor that is sampled and
-    held folds into the band is an error of the first stage, and hides what a law explains.
+    Several records may determine a law together and none of them alone: one that leaves nearly only noise is
+    fitted all the same. What a sensor that is sampled and held folds into the band is an error of the first
+    stage, and hides what a law explains.
 
     Parameters
     ----------
     draft : Draft
-    least : float
-        Share.
+    settings : DecisionSettings
     """
-    kept = [one for one in draft.stage.ranking if one.share_kept_out >= least]
-    if kept and HOLD not in draft.stage.linear:
+    stage, least = draft.stage, settings.rival_share
+    kept = [one for one in stage.ranking if one.share_kept_out >= least]
+    is_near_noise = any(one.cost_per_dof < settings.much_left for one in stage.ranking)
+    if HOLD not in stage.linear and (kept or not is_near_noise):
         return kept
-    misfit = draft.stage.cost_per_dof - 1
+    misfit = stage.cost_per_dof - 1
     most = 1 + (1 - least) * misfit  # cost of a law that explains as much of it
-    return [one for one in draft.stage.ranking if one in kept or (misfit > 0 and one.cost_per_dof <= most)]
+    return [one for one in stage.ranking if one in kept or (misfit > 0 and one.cost_per_dof <= most)]
 
 
 def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel]) -> PlantModel:
