@@ -355,6 +355,16 @@ def test_a_law_that_leaves_only_noise_is_the_nearest_beside_one_from_outside():
 
 
 @pytest.mark.parametrize(
+    ("beaten", "left", "reasons"),
+    [(SIMPLER, 1.0, 1), (OTHER_FAMILY, 1.0, 0), (OTHER_FAMILY, 2.0, 1), ("", 1.0, 1)],
+)
+def test_bug_a_law_from_outside_that_beat_another_one_kept_a_stop_from_its_name(beaten, left, reasons):
+    """A search of its own found the stop; the first stage had a friction that explained 4 % (98011, 28)."""
+    evidence = Evidence(fit("", 100.0), [fit(LAW, left), RIVAL], ("c*w^3",), DEFAULTS, beaten=beaten)
+    assert len(evidence.from_outside(evidence.laws[0])) == reasons
+
+
+@pytest.mark.parametrize(
     ("simpler", "named"),
     [(1.004, (SIMPLER,)), (1.008, (LAW, SIMPLER)), (1.012, (LAW, SIMPLER)), (1.014, (LAW,))],
 )

@@ -32,6 +32,8 @@ class Evidence:
         With one law each.
     beaten_by : tuple of str
         Laws from outside the catalogue that explained more than the best one in the first stage.
+    beaten : str
+        That best one.
     settings : DecisionSettings
     taken_over_by : tuple of str
         Free functions that explained most of what the best law left in the first stage.
@@ -49,6 +51,7 @@ class Evidence:
     settings: DecisionSettings
     taken_over_by: tuple[str, ...] = ()
     all_linear: bool = True
+    beaten: str = ""
     what_is_left: Callable[[PlantFit], Mapping[str, float]] = what_is_left
     doubts: Callable[[PlantFit, PlantFit, str, DecisionSettings], list[str]] = doubts
 
@@ -116,6 +119,18 @@ class Evidence:
         """
         small = one.fit.cost_per_dof <= self.settings.adequate
         return not self.has_model_error and (self.excess(one) == 0 or small)
+
+    def from_outside(self, one: Simulated) -> tuple[str, ...]:
+        """Laws from outside the catalogue that explain more than a law may, though it leaves only noise.
+
+        None if they beat a law of another family in the first stage, which had not found this one.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        is_another = bool(self.beaten) and family(find(self.beaten)) != family_of(one)
+        return () if is_another and self.is_adequate(one) else self.beaten_by
 
     def depends_on(self, one: Simulated) -> dict[str, float]:
         """Coordinates that what a fit leaves depends on, with p-values, though its cost is that of noise.

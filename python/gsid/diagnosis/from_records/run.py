@@ -215,7 +215,7 @@ class Run:
 
     def evidence(self, laws: Sequence[Simulated] | None = None) -> Evidence:
         """What the verdict is made from."""
-        drafted = self.draft.stage.conclusion
+        drafted, first = self.draft.stage.conclusion, self.draft.stage.ranking[0].effects[0]
         all_linear = self.start is None and not any(is_linear(effect) for effect in self.without)
         rivals = drafted.beaten_by, self.settings, drafted.taken_over_by, all_linear
-        return Evidence(self.null, laws or self.laws, *rivals)
+        return Evidence(self.null, laws or self.laws, *rivals, beaten=first)
