@@ -355,12 +355,21 @@ def test_a_law_that_leaves_only_noise_is_the_nearest_beside_one_from_outside():
 
 
 @pytest.mark.parametrize(
-    ("beaten", "left", "reasons"),
-    [(SIMPLER, 1.0, 1), (OTHER_FAMILY, 1.0, 0), (OTHER_FAMILY, 2.0, 1), ("", 1.0, 1)],
+    ("law", "beaten", "left", "reasons"),
+    [
+        (LAW, LAW, 1.0, 1),
+        (LAW, SIMPLER, 1.0, 1),
+        (LAW, OTHER_FAMILY, 1.0, 0),
+        (LAW, OTHER_FAMILY, 2.0, 1),
+        (LAW, "", 1.0, 1),
+        ("hard_stop", "cubic_spring", 1.0, 0),
+        ("hard_stop", "hard_stop", 1.0, 1),
+        ("motor_cogging", "cubic_spring", 1.0, 1),
+    ],
 )
-def test_bug_a_law_from_outside_that_beat_another_one_kept_a_stop_from_its_name(beaten, left, reasons):
+def test_bug_a_law_from_outside_that_beat_another_one_kept_a_stop_from_its_name(law, beaten, left, reasons):
     """A search of its own found the stop; the first stage had a friction that explained 4 % (98011, 28)."""
-    evidence = Evidence(fit("", 100.0), [fit(LAW, left), RIVAL], ("c*w^3",), DEFAULTS, beaten=beaten)
+    evidence = Evidence(fit("", 100.0), [fit(law, left), RIVAL], ("c*w^3",), DEFAULTS, beaten=beaten)
     assert len(evidence.from_outside(evidence.laws[0])) == reasons
 
 

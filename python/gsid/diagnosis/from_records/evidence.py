@@ -17,6 +17,7 @@ from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 
 # Families of laws that a linear effect does the work of, where the amplitudes do not differ enough.
+SEARCHED = ("hard_stop", "gear_backlash")  # laws with a search of their own
 COUNTERPARTS = {"damping": ("drag", "dry friction"), "spring": ("position",)}
 
 
@@ -123,13 +124,17 @@ class Evidence:
     def from_outside(self, one: Simulated) -> tuple[str, ...]:
         """Laws from outside the catalogue that explain more than a law may, though it leaves only noise.
 
-        None if they beat a law of another family in the first stage, which had not found this one.
+        None if they beat a law of another family in the first stage, or if a search of its own has found this
+        one, which the first stage had not.
 
         Parameters
         ----------
         one : Simulated
         """
-        is_another = bool(self.beaten) and family(find(self.beaten)) != family_of(one)
+        own = one.effects[0]
+        is_another = bool(self.beaten) and (
+            family(find(self.beaten)) != family_of(one) or (own in SEARCHED and own != self.beaten)
+        )
         return () if is_another and self.is_adequate(one) else self.beaten_by
 
     def depends_on(self, one: Simulated) -> dict[str, float]:
