@@ -12,6 +12,7 @@ from test_what_is_left import LINEAR, measured, plant
 
 import gsid
 from gsid.diagnosis import effect_starts
+from gsid.diagnosis.from_records import fit_laws
 from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, as_good, not_excluded
 from gsid.diagnosis.from_records.settings import DEFAULTS
@@ -190,3 +191,37 @@ def test_bug_a_friction_that_doubles_below_a_60th_of_the_rate_was_excluded():
     assert found.verdict == MISSING
     assert "stribeck_friction" in found.effects
     assert any("do not exclude stribeck_friction" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("cost", "adequate", "is_over", "effects"),
+    [
+        (900.0, False, False, ["coulomb_friction", "stribeck_friction"]),
+        (1100.0, False, False, ["coulomb_friction"]),
+        (900.0, True, False, ["coulomb_friction"]),
+        (900.0, False, True, ["coulomb_friction"]),
+    ],
+)
+def test_a_larger_law_is_fitted_where_the_best_one_leaves_more_than_noise(
+    monkeypatch, cost, adequate, is_over, effects
+):
+    """Bug: a Stribeck friction left the first stage, whose motion does not show it, and was never fitted."""
+    best = SimpleNamespace(effects=("coulomb_friction",), fit="a fit", cost=1000.0, model=plant(LINEAR))
+    better = SimpleNamespace(effects=("stribeck_friction",), cost=cost)
+    larger = SimpleNamespace(effect="stribeck_friction", model="with its best shape")
+
+    def not_excluded(fit, effect, known, settings):
+        assert (fit, effect, known) == ("a fit", "coulomb_friction", {"hard_stop", "coulomb_friction"})
+        return [larger]
+
+    def fit(model, effects, to_beat):
+        assert (model, effects, to_beat) == ("with its best shape", ("stribeck_friction",), 1000.0)
+        return better
+
+    monkeypatch.setattr(fit_laws, "not_excluded", not_excluded)
+    run = SimpleNamespace(final=best, laws=[best], in_closed_loop=False, without={"hard_stop"}, settings=None)
+    run.deadline = SimpleNamespace(is_over=is_over)
+    run.evidence = lambda: SimpleNamespace(is_adequate=lambda one: adequate)
+    run.decide = lambda: None
+    fit_laws._try_larger(run, SimpleNamespace(fit=fit))
+    assert [one.effects[0] for one in run.laws] == effects

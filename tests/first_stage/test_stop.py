@@ -7,7 +7,7 @@ import hard
 import numpy as np
 import pytest
 from from_records_study import record_of
-from test_steps import BODY, SPRING, VISCOUS, model
+from test_steps import BODY, DELAY, LAG, SPRING, VISCOUS, model
 
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
@@ -194,6 +194,18 @@ def test_a_stop_that_the_axis_may_not_reach_is_the_narrowest_near_the_record(mon
     edges = Edges(low=-2.0, high=2.0, stiffness=1e6, mean_torque=-1.0, record=0, left=0.0)
     start = nearest_start(model(BODY, VISCOUS), edges, [None], None)
     assert start["hard_stop.angle_deg"].value == pytest.approx(2.0 + widened * 4.0 / 2)
+
+
+def test_a_start_of_the_quiet_records_has_their_body_and_the_other_values_of_all():
+    """Bug: from the values of all records, whose spring a stop stiffens, the delay was lost (109014, 27)."""
+    stack, other = model(BODY, VISCOUS, SPRING, LAG, DELAY), model(BODY, VISCOUS, SPRING, DELAY)
+    for plant, factor in ((stack, 2.0), (other, 3.0)):
+        for name in plant.free_names:
+            plant[name].value *= factor
+    found = seek_stop._with_body_of(stack, other)
+    for name in stack.free_names:
+        source = stack if name.partition(".")[0] in ("sensor_lag", "transport_delay") else other
+        assert found[name].value == source[name].value, name
 
 
 @pytest.mark.long

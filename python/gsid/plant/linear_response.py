@@ -81,8 +81,8 @@ def linear_view(
     hold : (K,) complex ndarray, optional
         The response of the hold (`hold_factor`), if it is known.
     sensor_hold : callable, optional
-        Gives the response of a sensor that is sampled and held at a rate [Hz], at the frequencies. Default:
-        `hold_factor`, which is exact where a period has a whole number of samples between its values.
+        Gives the response at the frequencies of a sensor that is sampled and held at a rate [Hz]. Default:
+        `hold_factor`, that of a sensor whose output is read continuously.
 
     Returns
     -------

@@ -17,9 +17,9 @@ from dataclasses import replace
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.threads import with_one_thread_for_algebra
 from gsid.diagnosis.closed_loop import in_closed_loop
+from gsid.diagnosis.from_records.disturbances import subtract_disturbances
 from gsid.diagnosis.from_records.draw_up import draw_up, give_up
 from gsid.diagnosis.from_records.equal_weights import weigh_model_error
-from gsid.diagnosis.from_records.fans import subtract_fans
 from gsid.diagnosis.from_records.find_structure import find_structure
 from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.hold_check import check_hold
@@ -119,7 +119,7 @@ def diagnose_records(
         try:
             find_structure(run, records, model, output, reference)
             if run.stack is not None:
-                subtract_fans(run)
+                subtract_disturbances(run)
                 draw_up(run)
                 if leave_out_ringing_lines(run):
                     draw_up(run)

@@ -16,8 +16,8 @@ from gsid.diagnosis.missing_torque.catalogue import contains_spring, family
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 
+SEARCHED = ("hard_stop", "gear_backlash")  # laws with a search of their own beside the first stage
 # Families of laws that a linear effect does the work of, where the amplitudes do not differ enough.
-SEARCHED = ("hard_stop", "gear_backlash")  # laws with a search of their own
 COUNTERPARTS = {"damping": ("drag", "dry friction"), "spring": ("position",)}
 
 
@@ -33,13 +33,13 @@ class Evidence:
         With one law each.
     beaten_by : tuple of str
         Laws from outside the catalogue that explained more than the best one in the first stage.
-    beaten : str
-        That best one.
     settings : DecisionSettings
     taken_over_by : tuple of str
         Free functions that explained most of what the best law left in the first stage.
     all_linear : bool
         Whether a linear effect may be missing and all of them were tried: else one may stand for another.
+    beaten : str
+        Best law of the first stage, which `beaten_by` refers to; empty: every law.
     what_is_left : callable
         p-values of what a fit leaves, by coordinate.
     doubts : callable
@@ -122,10 +122,10 @@ class Evidence:
         return not self.has_model_error and (self.excess(one) == 0 or small)
 
     def from_outside(self, one: Simulated) -> tuple[str, ...]:
-        """Laws from outside the catalogue that explain more than a law may, though it leaves only noise.
+        """Laws from outside the catalogue that speak against a law: those that beat it in the first stage.
 
-        None if they beat a law of another family in the first stage, or if a search of its own has found this
-        one, which the first stage had not.
+        They do not speak against a law that leaves only noise if they beat one of another family, or if a
+        search beside the first stage has found it.
 
         Parameters
         ----------

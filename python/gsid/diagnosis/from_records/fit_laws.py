@@ -136,13 +136,15 @@ def _finish_best(run: Run, fits: Simulations) -> None:
 
 
 def _try_larger(run: Run, fits: Simulations) -> None:
-    """Laws that contain the best one, where it leaves more than noise and the first stage did not keep them.
+    """Laws that contain the best one, where it leaves more than noise and none of them was fitted.
 
     Their shapes may show only along the simulated motion, as that of a friction at low speed behind a slow
     sensor.
     """
     best = run.final
-    if best is None or run.in_closed_loop or best.model.has_controller or run.evidence().is_adequate(best):
+    if best is None or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
+        return
+    if run.evidence().is_adequate(best):
         return
     known = {*run.without, *(each for one in run.laws for each in one.effects)}
     for larger in not_excluded(best.fit, best.effects[0], known, run.settings):

@@ -85,15 +85,12 @@ def motions(problem: Problem, part: LinearPart) -> list[Motion]:
 
 
 def _lines_of_motion(problem: Problem, part: LinearPart, r: Lines) -> np.ndarray:
-    """Lines that show the motion; beyond half the rate of a held sensor there are images of others."""
-    rates_hz = [
-        params["rate_hz"]
-        for label, params in part.stack.items()
-        if linear_part_of(label).linear_part == "hold"
-    ]
-    slowest_hz = min([r.spectra.fs_hz, *(rate_hz for rate_hz in rates_hz if rate_hz > 0)])
-    most = (math.ceil(slowest_hz / r.spectra.f_hz[1]) - 1) // 2
-    return np.arange(1, min(math.ceil(problem.settings.motion_band * r.line[-1]), most) + 1)
+    """Lines that show the motion: those above half the rate of a held sensor are images of others."""
+    holds = [params for label, params in part.stack.items() if linear_part_of(label).linear_part == "hold"]
+    rates_hz = [rate_hz for params in holds for rate_hz in params.values() if rate_hz > 0]
+    slowest_hz = min([r.spectra.fs_hz, *rates_hz])
+    below_half = (math.ceil(slowest_hz / r.spectra.f_hz[1]) - 1) // 2
+    return np.arange(1, min(math.ceil(problem.settings.motion_band * r.line[-1]), below_half) + 1)
 
 
 def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view: LinearView) -> Motion:

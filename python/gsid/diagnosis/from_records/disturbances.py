@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from gsid.diagnosis.from_records.ringing_lines import resonances
 from gsid.diagnosis.from_records.run import Run
-from gsid.spectrum.fan import find_fans, without_fans
+from gsid.spectrum.disturbances import find_disturbances, without_disturbances
 from gsid.spectrum.spectra import Spectra
 from gsid.spectrum.tones import Tone
 
-SHARP = 20.0  # a resonance that decays by e less often in a record rings like a sine
-NEAR = 0.35  # of its frequency: a given model may be that far off
+SHARP = 20.0  # time constants in a record: noise rings like a sine with a resonance that decays more slowly
+NEAR = 0.35  # distance from a resonance over its frequency: that of a given model may be as far off
 
 
-def subtract_fans(run: Run) -> None:
+def subtract_disturbances(run: Run) -> None:
     """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
 
     Parameters
@@ -22,11 +22,11 @@ def subtract_fans(run: Run) -> None:
     """
     if run.loop is not None or run.in_closed_loop or run.stack.has_controller:
         return
-    found = [[tone for tone in find_fans(one) if not _rings(run, one, tone)] for one in run.measured]
+    found = [[tone for tone in find_disturbances(one) if not _rings(run, one, tone)] for one in run.measured]
     if not any(found):
         return
     run.measured, run.judged = (
-        [without_fans(one, tones) for one, tones in zip(records, found, strict=True)]
+        [without_disturbances(one, tones) for one, tones in zip(records, found, strict=True)]
         for records in (run.measured, run.judged)
     )
     run.known_fits = {}
@@ -52,4 +52,4 @@ def _note(tones: list[Tone], one: Spectra) -> str:
     )
     what = "A periodic disturbance" if len(largest) == 1 else "Periodic disturbances"
     verb = "is" if len(largest) == 1 else "are"
-    return f"{what} of {named} {verb} subtracted, and the lines beside it left out."
+    return f"{what} of {named} {verb} subtracted; the lines on both sides are left out."

@@ -1,7 +1,7 @@
 """Periodic disturbances between the lines of the excitation, such as a fan: found in spectra, and subtracted.
 
-Their frequency is no line, so that they turn from period to period and nearly cancel in the mean. The bins
-between the lines (FRF-6) contain all of them: the noise of the nearest lines is overestimated many times.
+Their phase changes from period to period, so that they nearly cancel in the mean. The bins between the lines
+(FRF-6) contain all of their power: the noise of the nearest lines is overestimated many times.
 """
 
 from __future__ import annotations
@@ -15,14 +15,16 @@ from gsid.spectrum.lines import bins_of_record, lines_of, phase_factors
 from gsid.spectrum.spectra import Spectra
 from gsid.spectrum.tones import GUARD, Tone, find_tones
 
-ALPHA = 1e-4  # false-alarm rate of a record: a false sine costs a line, a weak one that stays hardly any
-LOWEST = 1.5  # lines; below, a drift of the output is taken for a sine
-ABOVE_BAND = 1.25  # highest frequency of a sine over that of an excited line; fewer samples take less time
-ROUNDING = 1e-9  # of the input
+ALPHA = (
+    1e-4  # false-alarm rate of a record: a false sine costs one line or two, a weak one that stays nothing
+)
+LOWEST = 1.5  # lowest frequency of a sine [lines]: below it, a drift of the output is taken for one
+ABOVE_BAND = 1.25  # highest frequency of a sine over that of an excited line; a lower rate takes less time
+ROUNDING = 1e-9  # of the largest line of the input
 
 
-def find_fans(one: Spectra) -> list[Tone]:
-    """Find the sines between the lines of the output.
+def find_disturbances(one: Spectra) -> list[Tone]:
+    """Find the sines between the lines of the output (NOI-1, NOI-2).
 
     Parameters
     ----------
@@ -32,7 +34,8 @@ def find_fans(one: Spectra) -> list[Tone]:
     -------
     list of Tone
         Their phases count from the first period. Empty if a period was lost, or if the input differs between
-        the periods: in a closed loop it contains the disturbance too.
+        the periods: in a closed loop it contains the disturbance too. Empty also if no excited line would be
+        left beside them.
     """
     if one.n_periods < 2 or one.n_spoiled or not _repeats(one.U):
         return []
@@ -40,19 +43,21 @@ def find_fans(one: Spectra) -> list[Tone]:
     n = min(2 * (highest + 1), one.period_samples)  # samples of a period at a lower rate
     y = _resampled(bins_of_record(one.Y, one.period_samples, one.settle_samples), n * one.n_periods)
     tones, _ = find_tones(y, n * one.f_hz[1], period=n, alpha=ALPHA)
-    return [tone for tone in tones if LOWEST * one.f_hz[1] < tone.f_hz < one.f_hz[highest]]
+    found = [tone for tone in tones if LOWEST * one.f_hz[1] < tone.f_hz < one.f_hz[highest]]
+    return found if np.any(one.excited & ~_beside(one, found)) else []
 
 
-def without_fans(one: Spectra, tones: Sequence[Tone]) -> Spectra:
+def without_disturbances(one: Spectra, tones: Sequence[Tone]) -> Spectra:
     """Subtract sines from the output, and leave out the lines beside them.
 
-    Their noise is too small without the bins of the sine: no response is estimated there.
+    The variance of these lines lacks what the fit of the sine took from their bins. They no longer count as
+    excited, so that no response is estimated from them either.
 
     Parameters
     ----------
     one : Spectra
     tones : sequence of Tone
-        Of `find_fans`.
+        Of `find_disturbances`.
     """
     if not tones:
         return one
@@ -60,7 +65,7 @@ def without_fans(one: Spectra, tones: Sequence[Tone]) -> Spectra:
     t_s = np.arange(n * one.n_periods) / one.fs_hz
     samples = sum(tone.at(t_s) for tone in tones).reshape(one.n_periods, n)
     part = lines_of(samples) * phase_factors(one.line, one.settle_samples, n)
-    beside = np.any([_beside(one, tone) for tone in tones], axis=0)
+    beside = _beside(one, tones)
     left_out = beside if one.left_out is None else beside | one.left_out
     return replace(one, Y=one.Y - part, left_out=left_out, excited=one.excited & ~beside)
 
@@ -77,7 +82,8 @@ def _resampled(bins: np.ndarray, n: int) -> np.ndarray:
     return np.fft.irfft(lowest, n) * (n / len(bins))
 
 
-def _beside(one: Spectra, tone: Tone) -> np.ndarray:
-    """Lines with the sine among the bins that give their noise, (K,) bool."""
-    offset_hz = np.abs(one.f_hz - tone.f_hz)
-    return offset_hz * one.n_periods / one.f_hz[1] <= one.n_periods / 2 + GUARD
+def _beside(one: Spectra, tones: Sequence[Tone]) -> np.ndarray:
+    """Lines with a sine among the bins that give their noise, (K,) bool."""
+    bins_per_hz = one.n_periods / one.f_hz[1]
+    offset_hz = np.abs(one.f_hz[:, None] - np.array([tone.f_hz for tone in tones]))
+    return np.any(offset_hz * bins_per_hz <= one.n_periods / 2 + GUARD, axis=1)
