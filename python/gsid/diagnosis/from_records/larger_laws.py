@@ -146,13 +146,36 @@ def not_excluded(
         Larger laws that are not considered.
     settings : DecisionSettings
     """
+    return _best_shapes(fit, effect, left_out, settings, settings.worse, settings.different)
+
+
+def better(fit: PlantFit, effect: str, left_out: set[str], settings: DecisionSettings) -> list[LargerLaw]:
+    """The best shape of each larger law that fits significantly better than the law of a fit.
+
+    Parameters
+    ----------
+    fit, effect, left_out, settings
+        As `not_excluded`.
+    """
+    return _best_shapes(fit, effect, left_out, settings, -settings.worse, 0.0)
+
+
+def _best_shapes(
+    fit: PlantFit,
+    effect: str,
+    left_out: set[str],
+    settings: DecisionSettings,
+    most: float,
+    different: float,
+) -> list[LargerLaw]:
+    """Of each larger law, with the largest rise of the cost and the least difference of the torque."""
     larger = [
         each
         for each in effect_types().values()
         if each.simpler == effect and each.id not in left_out and not each.not_searched
     ]
     profile = _Profile(fit, effect, settings) if larger else None
-    found = [profile.best_different(catalogue.law(each)) for each in larger]
+    found = [profile.best_shape(catalogue.law(each), most, different) for each in larger]
     return [one for one in found if one is not None]
 
 
@@ -177,12 +200,16 @@ class _Profile:
         self.torque = self._torque(law, shape, c)
         self.left = fit.residual - self._columns(law, shape[None, :])[0] @ c  # without the law
 
-    def best_different(self, law: Law) -> LargerLaw | None:
+    def best_shape(self, law: Law, most: float, different: float) -> LargerLaw | None:
         """The shape of a law that fits best of those whose torque differs; None if none fits as well.
 
         Parameters
         ----------
         law : Law
+        most : float
+            Largest rise of the cost.
+        different : float
+            Least difference of the torque, as `LargerLaw.difference`.
         """
         points, best = law.points(self.scales), None
         if not len(points):
@@ -191,10 +218,10 @@ class _Profile:
             for c in self._within_reach(law, columns):
                 error = self.left + columns @ c
                 rise = float(error @ error - self.fit.cost)
-                if rise > (self.settings.worse if best is None else best[0]):
+                if rise > (most if best is None else best[0]):
                     continue
                 difference = self._difference(self._torque(law, shape, c))
-                if difference >= self.settings.different:
+                if difference >= different:
                     best = rise, shape, c, difference
         if best is None:
             return None
