@@ -83,7 +83,7 @@ def test_none_is_better_where_the_friction_is_coulomb(fits, noise):
 
 
 def test_bug_a_shape_that_differs_little_was_no_start_though_it_fits_far_better():
-    """Along the motion of Coulomb friction a Stribeck friction that doubles at low speed differs by 6 % from it,
+    """Along the motion of Coulomb friction a Stribeck friction that doubles at low speed is 6 % off from it,
     but a fit from there finds it. Behind a sensor of 300 Hz Coulomb friction was named in its place."""
     law = {"stribeck_friction": {"level": 10.0, "extra": 12.0, "velocity": 1.0}}
     fit = fit_plant(plant(LINEAR | COULOMB), records(plant(LINEAR | law), 0.01))
