@@ -186,7 +186,7 @@ gsid_status gsid_steady_run(gsid_steady *steady, const double *value, int is_pat
     if (!is_complete(steady, answer)) {
         return GSID_E_NULL;
     }
-    const uint32_t n_settle = steady->kept == NULL ? GSID_STEADY_SETTLE : 0;
+    const uint32_t n_settle = steady->kept == NULL && !steady->cfg.is_placed ? GSID_STEADY_SETTLE : 0;
     gsid_status status = enter(steady, value);
     if (status == GSID_OK) {
         status = search(steady, n_settle, GSID_STEADY_NEWTON, 1, answer);

@@ -20,7 +20,8 @@ typedef struct {
     uint32_t n_period;     /* samples of the output in a period, >= 1 */
     uint32_t oversampling; /* steps of the input in a sample of the output, >= 1 */
     const double *u;       /* [n_period oversampling] one period, held over each step */
-    int is_placed;         /* 1: the first search begins at this angle and rate (gsid_plant_place); 0: on the linear orbit */
+    int is_placed;         /* 1: the first search begins at this angle and rate (gsid_plant_place), without periods to settle:
+                              behind impacts they leave the measured orbit; 0: on the linear orbit */
     double angle, rate;
     double tolerance; /* settled: change in a period, unit of y, if that is more than GSID_STEADY_RESIDUAL allows; >= 0 */
 } gsid_steady_cfg;

@@ -6,13 +6,17 @@ A plant with stops has several periodic orbits, and that of its linear part reac
 from __future__ import annotations
 
 import numpy as np
+from scipy import optimize
 
+from gsid._lib import check, ffi, lib
 from gsid.effects.types import EffectType
-from gsid.plant.effect import Stack
+from gsid.plant.effect import Effect, Stack
 from gsid.plant.linear_response import linear_view
 from gsid.plant.units import RADIANS
+from gsid.spectrum.lines import period_of
 from gsid.spectrum.spectra import Spectra
 
+DOUBLED = 60  # times that the search for the mean angle goes further out
 MARGIN = 1.5  # of the band of the excitation: above it the noise of a derivative counts
 
 
@@ -27,8 +31,6 @@ def has_several_orbits(model: Stack) -> bool:
 
 
 def _has_edges(effect: EffectType) -> bool:
-    from gsid._lib import ffi
-
     return effect.c.edge != ffi.NULL and bool(effect.c.looks_at_angle)
 
 
@@ -37,7 +39,7 @@ def measured_state(model: Stack, measured: Spectra) -> tuple[float, float]:
 
     The output is divided by the response of the sensor, and the part of flexible modes is subtracted. Lines
     have the Wiener weight max(0, 1 - variance / |Y|^2). The mean angle of a rate sensor is that at which
-    springs hold the constant torque of the model.
+    springs and stops hold the constant torque of the model.
 
     Parameters
     ----------
@@ -62,13 +64,51 @@ def measured_state(model: Stack, measured: Spectra) -> tuple[float, float]:
     beside = view.command - view.drive * view.torque  # what a mode adds to the output
     rate = wiener * (y - beside * u) / (view.direct / view.drive)
     angle = rate / (2j * np.pi * f_hz)
-    mean = float(measured.y[0].real) if is_angle else _mean_angle(model)
+    if is_angle:
+        mean = float(measured.y[0].real)
+    else:
+        lines = np.zeros(len(measured.line), complex)
+        lines[line] = angle
+        mean = _mean_angle(model, period_of(lines, measured.period_samples))
     return mean + float(np.sum(angle.real)), float(np.sum(rate.real))
 
 
-def _mean_angle(model: Stack) -> float:
+def _mean_angle(model: Stack, around_mean: np.ndarray) -> float:
+    """Mean angle at which springs and stops hold the constant torque; 0 where any angle does.
+
+    Parameters
+    ----------
+    model : Stack
+    around_mean : (n,) ndarray
+        Angle of the axis less its mean.
+    """
     bias, spring = (
         sum(next(iter(effect.params.values())).value for effect in model.effects if effect.id == id_)
         for id_ in ("torque_bias", "cable_spring")
     )
-    return -bias / spring if spring > 0 else 0.0
+    stops = [effect for effect in model.effects if _has_edges(effect.type)]
+
+    def torque(mean: float) -> float:
+        of_stops = (_mean_torque(stop, around_mean + mean, model) for stop in stops)
+        return bias + spring * mean + sum(of_stops)
+
+    if torque(0.0) == 0:
+        return 0.0
+    reach = float(np.abs(around_mean).max())
+    for _ in range(DOUBLED):
+        if torque(-reach) * torque(reach) < 0:
+            return float(optimize.brentq(torque, -reach, reach))
+        reach *= 2
+    return 0.0
+
+
+def _mean_torque(effect: Effect, angle: np.ndarray, model: Stack) -> float:
+    """Of a law of the angle alone."""
+    n, out, still = len(angle), np.empty(len(angle)), np.zeros(len(angle))
+    values = np.zeros((1, lib.GSID_EFFECT_PARAMETERS_MAX))
+    values[0, : len(effect.params)] = [param.value for param in effect.params.values()]
+    along, rate, given, torque = (ffi.from_buffer("double[]", x) for x in (angle, still, values, out))
+    sizes = {"n": n, "step_s": 1.0, "unit_rad": RADIANS[model.angle_unit]}
+    motion = ffi.new("gsid_law_motion *", sizes | {"angle": along, "rate": rate, "side": rate})
+    check(lib.gsid_law_torques(effect.type.c, effect.type.data, motion, 1, given, torque), effect.id)
+    return float(out.mean())
