@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import axes
 import numpy as np
@@ -12,7 +13,8 @@ from gsid.base.errors import InputError
 from gsid.cli.main import main
 from gsid.response.total_variance import total_variance
 from gsid.spectrum.realisation import spectra
-from gsid.structure.select import has_slow_lag, rescored, select
+from gsid.structure.elements import Structure
+from gsid.structure.select import has_slow_lag, rescored, select, simplest
 from measured import BENCH, DATA, needs_bench
 
 SEED = 20261124
@@ -251,6 +253,19 @@ def test_lag_of_motor_or_sensor_is_ambiguous():
     axis.lag_s = 1.5e-3
     found = gsid.start(record(axis, rng))
     assert {"what": "lag", "chosen": "sensor_lag", "other": "motor_lag", "score": 0.0} in found.ambiguous
+
+
+def test_bug_modes_above_the_band_stood_for_a_lag_that_fits_as_well():
+    """Of as many parameters the one with the better score was chosen; a motor lag of 0.3 ms was not found."""
+
+    def candidate(score, n_lags, residual):
+        return SimpleNamespace(structure=Structure("rate", "sprung", 1, n_lags, residual), score=score)
+
+    above, two_lags, three = candidate(10.0, 1, True), candidate(10.1, 2, False), candidate(9.0, 2, True)
+    assert above.structure.n_parameters == two_lags.structure.n_parameters
+    assert simplest([three, above, two_lags]) is two_lags
+    better = candidate(10.05, 2, False)
+    assert simplest([three, above, two_lags, better]) is better
 
 
 def test_hold_that_the_record_does_not_state_is_assumed():

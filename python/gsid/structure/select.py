@@ -144,13 +144,15 @@ def price(structure: Structure, n_lines: int, correlation: float) -> float:
 
 
 def simplest(likely: list[Candidate]) -> Candidate:
-    """The fewest parameters, and the best score among those.
+    """The fewest parameters; among those no modes above the band, and the best score.
+
+    Modes above the band stand at an assumed frequency, and in place of a lag that fits as well.
 
     Parameters
     ----------
     likely : list of Candidate
     """
-    return min(likely, key=lambda one: (one.structure.n_parameters, one.score))
+    return min(likely, key=lambda one: (one.structure.n_parameters, one.structure.residual, one.score))
 
 
 def rescored(
