@@ -14,7 +14,13 @@ import gsid
 from gsid.diagnosis import effect_starts
 from gsid.diagnosis.from_records import fit_laws
 from gsid.diagnosis.from_records.evidence import Evidence
-from gsid.diagnosis.from_records.larger_laws import _Profile, add_larger_laws, as_good, better, not_excluded
+from gsid.diagnosis.from_records.larger_laws import (
+    _Profile,
+    add_larger_laws,
+    as_good,
+    not_excluded,
+    worth_a_fit,
+)
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, Decision
 from gsid.diagnosis.missing_torque import catalogue
@@ -78,8 +84,35 @@ def test_each_limit_excludes(fits, name, value):
 
 
 @pytest.mark.parametrize("noise", [LITTLE, MUCH])
-def test_none_is_better_where_the_friction_is_coulomb(fits, noise):
-    assert better(fits[noise], "coulomb_friction", set(), DEFAULTS) == []
+def test_no_shape_is_clearly_better_where_the_friction_is_coulomb(fits, noise):
+    """What is worth a fit is what is not excluded, with the same shapes."""
+    several = worth_a_fit(fits[noise], "coulomb_friction", set(), DEFAULTS)
+    assert [(one.effect, one.rise) for one in several] == [
+        (one.effect, one.rise) for one in not_excluded(fits[noise], "coulomb_friction", set(), DEFAULTS)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rise", "difference", "cost_per_dof", "worth"),
+    [
+        (-12.1, 0.01, 1.0, True),
+        (-11.9, 0.01, 1.0, False),
+        (-11.9, 0.2, 1.0, True),
+        (11.9, 0.2, 1.0, True),
+        (-24.1, 0.01, 2.0, True),
+        (-23.9, 0.01, 2.0, False),
+        (-1e6, 0.0, 1.0, False),  # its peak is far above the law's
+    ],
+)
+def test_limits_of_what_is_worth_a_fit(monkeypatch, rise, difference, cost_per_dof, worth):
+    def best_shape(self, law, most, accepts):
+        return law.effect.id if rise <= most and accepts(rise, difference) else None
+
+    monkeypatch.setattr(_Profile, "__init__", lambda *_: None)
+    monkeypatch.setattr(_Profile, "best_shape", best_shape)
+    settings = replace(DEFAULTS, worse=12.0, different=0.2)
+    found = worth_a_fit(SimpleNamespace(cost_per_dof=cost_per_dof), "coulomb_friction", set(), settings)
+    assert ("stribeck_friction" in found) is worth
 
 
 def test_bug_a_shape_that_differs_little_was_no_start_though_it_fits_far_better():
@@ -87,12 +120,9 @@ def test_bug_a_shape_that_differs_little_was_no_start_though_it_fits_far_better(
     but a fit from there finds it. Behind a sensor of 300 Hz Coulomb friction was named in its place."""
     law = {"stribeck_friction": {"level": 10.0, "extra": 12.0, "velocity": 1.0}}
     fit = fit_plant(plant(LINEAR | COULOMB), records(plant(LINEAR | law), 0.01))
-    (found,) = better(fit, "coulomb_friction", {"presliding_friction"}, DEFAULTS)
-    assert (found.effect, found.rise < -1000, found.difference < DEFAULTS.different) == (
-        "stribeck_friction",
-        True,
-        True,
-    )
+    (found,) = worth_a_fit(fit, "coulomb_friction", {"presliding_friction"}, DEFAULTS)
+    assert found.effect == "stribeck_friction"
+    assert found.difference < DEFAULTS.different  # so that it is its cost that makes it a start
     again = fit_plant(found.model, [r.spectra for r in fit.records])
     assert again.cost_per_dof < 1.1
     assert again.model["stribeck_friction.extra"].value == pytest.approx(12.0, rel=0.02)  # 0.4 % by noise
@@ -137,9 +167,7 @@ def test_bug_a_slow_axis_has_no_shape_of_a_stribeck_friction():
     law, scan = catalogue.law(find("stribeck_friction")), SimpleNamespace(freed=lambda x: x)
     scan.fit = SimpleNamespace(error=None)
     assert len(law.points(scales)) == 0
-    assert (
-        _Profile.best_shape(SimpleNamespace(scales=scales), law, DEFAULTS.worse, DEFAULTS.different) is None
-    )
+    assert _Profile.best_shape(SimpleNamespace(scales=scales), law, DEFAULTS.worse, lambda *_: True) is None
     assert effect_starts._limits(law, scales) == {}
     assert effect_starts._on_grid(scan, law, scales) == []
 
@@ -233,7 +261,7 @@ def test_a_larger_law_is_fitted_where_the_best_one_leaves_more_than_noise(
     fitted = SimpleNamespace(effects=("stribeck_friction",), cost=cost)
     larger = SimpleNamespace(effect="stribeck_friction", model="with its best shape")
 
-    def better_shapes(fit, effect, known, settings):
+    def best_shapes(fit, effect, known, settings):
         assert (fit, effect, known) == ("a fit", "coulomb_friction", {"hard_stop", "coulomb_friction"})
         return [larger]
 
@@ -241,7 +269,7 @@ def test_a_larger_law_is_fitted_where_the_best_one_leaves_more_than_noise(
         assert (model, effects, to_beat) == ("with its best shape", ("stribeck_friction",), 1000.0)
         return fitted
 
-    monkeypatch.setattr(fit_laws, "better", better_shapes)
+    monkeypatch.setattr(fit_laws, "worth_a_fit", best_shapes)
     run = SimpleNamespace(final=best, laws=[best], in_closed_loop=False, without={"hard_stop"}, settings=None)
     run.deadline = SimpleNamespace(is_over=is_over)
     run.evidence = lambda: SimpleNamespace(is_adequate=lambda one: adequate)

@@ -126,6 +126,18 @@ def test_a_free_axis_leans_on_a_stop(bias, mean):
     assert measured_start._mean_angle(plant, square_wave(1.9)) == pytest.approx(mean, abs=1e-9)
 
 
+def test_bug_an_axis_without_motion_was_at_angle_0_beside_a_constant_torque():
+    plant = model(BODY, {"cable_spring": {"stiffness": 10.0}}, {"torque_bias": {"level": 6.0}})
+    assert measured_start._mean_angle(plant, np.zeros(200)) == pytest.approx(-0.6, abs=1e-9)
+
+
+def test_other_laws_of_the_angle_hold_a_constant_torque_too():
+    """A cubic spring of 8/s^2/deg^2 holds 64/s^2 at -2 deg."""
+    cubic, stop = {"cubic_spring": {"stiffness": 8.0}}, {"hard_stop": {"angle_deg": 5.0, "stiffness": 500.0}}
+    plant = model(BODY, cubic, stop, {"torque_bias": {"level": 64.0}})
+    assert measured_start._mean_angle(plant, np.zeros(200)) == pytest.approx(-2.0, abs=1e-9)
+
+
 def test_no_mean_angle_without_anything_that_holds_the_torque():
     stop = {"angle_deg": 2.0, "stiffness": 0.0}
     plant = model(BODY, {"torque_bias": {"level": 5.0}}, {"hard_stop": stop})

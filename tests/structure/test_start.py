@@ -255,17 +255,24 @@ def test_lag_of_motor_or_sensor_is_ambiguous():
     assert {"what": "lag", "chosen": "sensor_lag", "other": "motor_lag", "score": 0.0} in found.ambiguous
 
 
-def test_bug_modes_above_the_band_stood_for_a_lag_that_fits_as_well():
+def candidate(score, n_lags, residual, body="sprung", output="rate"):
+    return SimpleNamespace(structure=Structure(output, body, 1, n_lags, residual), score=score)
+
+
+def test_bug_modes_above_the_band_stood_for_a_lag_within_the_odds():
     """Of as many parameters the one with the better score was chosen; a motor lag of 0.3 ms was not found."""
-
-    def candidate(score, n_lags, residual):
-        return SimpleNamespace(structure=Structure("rate", "sprung", 1, n_lags, residual), score=score)
-
-    above, two_lags, three = candidate(10.0, 1, True), candidate(10.1, 2, False), candidate(9.0, 2, True)
+    above, two_lags, more = candidate(10.0, 1, True), candidate(16.0, 2, False), candidate(9.0, 2, True)
     assert above.structure.n_parameters == two_lags.structure.n_parameters
-    assert simplest([three, above, two_lags]) is two_lags
-    better = candidate(10.05, 2, False)
-    assert simplest([three, above, two_lags, better]) is better
+    assert simplest([more, above, two_lags]) is two_lags
+
+
+@pytest.mark.parametrize("other", [{"body": "viscous", "n_lags": 3}, {"output": "angle", "n_lags": 2}])
+def test_modes_above_the_band_give_way_to_a_lag_alone(other):
+    """Not to another body or another output with as many parameters."""
+    above = candidate(10.0, 1, True)
+    rival = candidate(10.1, residual=False, **other)
+    assert rival.structure.n_parameters == above.structure.n_parameters
+    assert simplest([above, rival]) is above
 
 
 def test_hold_that_the_record_does_not_state_is_assumed():

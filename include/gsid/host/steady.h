@@ -20,8 +20,7 @@ typedef struct {
     uint32_t n_period;     /* samples of the output in a period, >= 1 */
     uint32_t oversampling; /* steps of the input in a sample of the output, >= 1 */
     const double *u;       /* [n_period oversampling] one period, held over each step */
-    int is_placed;         /* 1: the first search begins at this angle and rate (gsid_plant_place), without periods to settle:
-                              behind impacts they leave the measured orbit; 0: on the linear orbit */
+    int is_placed;         /* 1: the first search begins at this angle and rate, without settling; 0: on the linear orbit */
     double angle, rate;
     double tolerance; /* settled: change in a period, unit of y, if that is more than GSID_STEADY_RESIDUAL allows; >= 0 */
 } gsid_steady_cfg;
@@ -43,7 +42,8 @@ gsid_status gsid_steady_create(const gsid_steady_cfg *cfg, gsid_steady **steady)
 /** Free; NULL is allowed. */
 void gsid_steady_destroy(gsid_steady *steady);
 
-/** Find the periodic steady state, from the state that was kept, or else from the linear orbit.  Eq: PLT-2
+/** Find the periodic steady state, from the state that was kept; else from where the axis is placed (gsid_plant_place), or
+ *  from the linear orbit. Behind impacts, periods to settle would lead from a placed axis to another orbit.  Eq: PLT-2
  *  @param[in]     value       [n_free] values of the free parameters; NULL: as in the last run, or those of the items
  *  @param[in]     is_patient  1: simulate GSID_STEADY_SETTLE_LONGER periods and try again where Newton's method has not converged
  *  @param[in,out] answer      the caller's arrays

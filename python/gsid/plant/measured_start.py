@@ -16,7 +16,7 @@ from gsid.plant.units import RADIANS
 from gsid.spectrum.lines import period_of
 from gsid.spectrum.spectra import Spectra
 
-DOUBLED = 60  # times that the search for the mean angle goes further out
+DOUBLED = 20  # times that the search for the mean angle goes further out: a million times the travel
 MARGIN = 1.5  # of the band of the excitation: above it the noise of a derivative counts
 
 
@@ -39,7 +39,7 @@ def measured_state(model: Stack, measured: Spectra) -> tuple[float, float]:
 
     The output is divided by the response of the sensor, and the part of flexible modes is subtracted. Lines
     have the Wiener weight max(0, 1 - variance / |Y|^2). The mean angle of a rate sensor is that at which
-    springs and stops hold the constant torque of the model.
+    springs, stops and other laws of the angle hold the constant torque of the model.
 
     Parameters
     ----------
@@ -74,7 +74,9 @@ def measured_state(model: Stack, measured: Spectra) -> tuple[float, float]:
 
 
 def _mean_angle(model: Stack, around_mean: np.ndarray) -> float:
-    """Mean angle at which springs and stops hold the constant torque; 0 where any angle does.
+    """Mean angle at which springs, stops and other laws of the angle hold the constant torque; else 0.
+
+    Eq: PLT-6
 
     Parameters
     ----------
@@ -86,15 +88,14 @@ def _mean_angle(model: Stack, around_mean: np.ndarray) -> float:
         sum(next(iter(effect.params.values())).value for effect in model.effects if effect.id == id_)
         for id_ in ("torque_bias", "cable_spring")
     )
-    stops = [effect for effect in model.effects if _has_edges(effect.type)]
+    laws = [effect for effect in model.effects if _is_of_angle(effect.type)]
 
     def torque(mean: float) -> float:
-        of_stops = (_mean_torque(stop, around_mean + mean, model) for stop in stops)
-        return bias + spring * mean + sum(of_stops)
+        return bias + spring * mean + sum(_mean_torque(law, around_mean + mean, model) for law in laws)
 
     if torque(0.0) == 0:
         return 0.0
-    reach = float(np.abs(around_mean).max())
+    reach = float(np.abs(around_mean).max()) or 1.0
     for _ in range(DOUBLED):
         if torque(-reach) * torque(reach) < 0:
             return float(optimize.brentq(torque, -reach, reach))
@@ -102,13 +103,19 @@ def _mean_angle(model: Stack, around_mean: np.ndarray) -> float:
     return 0.0
 
 
-def _mean_torque(effect: Effect, angle: np.ndarray, model: Stack) -> float:
-    """Of a law of the angle alone."""
+def _is_of_angle(effect: EffectType) -> bool:
+    """Whether it is a torque of the angle without states or memory."""
+    c = effect.c
+    return bool(c.looks_at_angle and c.torque != ffi.NULL and not c.n_states and not c.has_memory)
+
+
+def _mean_torque(law: Effect, angle: np.ndarray, model: Stack) -> float:
+    """Mean torque of a law along angles at which the axis is at rest."""
     n, out, still = len(angle), np.empty(len(angle)), np.zeros(len(angle))
     values = np.zeros((1, lib.GSID_EFFECT_PARAMETERS_MAX))
-    values[0, : len(effect.params)] = [param.value for param in effect.params.values()]
+    values[0, : len(law.params)] = [param.value for param in law.params.values()]
     along, rate, given, torque = (ffi.from_buffer("double[]", x) for x in (angle, still, values, out))
     sizes = {"n": n, "step_s": 1.0, "unit_rad": RADIANS[model.angle_unit]}
     motion = ffi.new("gsid_law_motion *", sizes | {"angle": along, "rate": rate, "side": rate})
-    check(lib.gsid_law_torques(effect.type.c, effect.type.data, motion, 1, given, torque), effect.id)
+    check(lib.gsid_law_torques(law.type.c, law.type.data, motion, 1, given, torque), law.id)
     return float(out.mean())

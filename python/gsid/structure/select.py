@@ -144,15 +144,17 @@ def price(structure: Structure, n_lines: int, correlation: float) -> float:
 
 
 def simplest(likely: list[Candidate]) -> Candidate:
-    """The fewest parameters; among those no modes above the band, and the best score.
+    """The fewest parameters, and the best score among those; a lag goes before modes above the band.
 
-    Modes above the band stand at an assumed frequency, and in place of a lag that fits as well.
+    Those stand at an assumed frequency, and in place of a lag that is within the odds.
 
     Parameters
     ----------
     likely : list of Candidate
     """
-    return min(likely, key=lambda one: (one.structure.n_parameters, one.structure.residual, one.score))
+    best = min(likely, key=lambda one: (one.structure.n_parameters, one.score))
+    with_lag = replace(best.structure, n_lags=best.structure.n_lags + 1, residual=False)
+    return next((one for one in likely if best.structure.residual and one.structure == with_lag), best)
 
 
 def rescored(

@@ -14,7 +14,7 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
-from gsid.diagnosis.from_records.larger_laws import better
+from gsid.diagnosis.from_records.larger_laws import worth_a_fit
 from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
@@ -147,7 +147,7 @@ def _try_larger(run: Run, fits: Simulations) -> None:
     if run.evidence().is_adequate(best):
         return
     known = {*run.without, *(each for one in run.laws for each in one.effects)}
-    for larger in better(best.fit, best.effects[0], known, run.settings):
+    for larger in worth_a_fit(best.fit, best.effects[0], known, run.settings):
         fitted = fits.fit(larger.model, (larger.effect,), best.cost)
         if fitted is not None and fitted.cost < best.cost:
             run.laws.append(fitted)

@@ -8,7 +8,7 @@ is one in which they differ.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,10 +30,12 @@ from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
+Accepts = Callable[[float, float], bool]
+
 
 @dataclass(frozen=True, eq=False)
 class LargerLaw:
-    """A shape of a larger law that fits as well as the law that it contains.
+    """A shape of a larger law that fits as well as the law that it contains, or better.
 
     Attributes
     ----------
@@ -146,18 +148,31 @@ def not_excluded(
         Larger laws that are not considered.
     settings : DecisionSettings
     """
-    return _best_shapes(fit, effect, left_out, settings, settings.worse, settings.different)
+    return _best_shapes(fit, effect, left_out, settings, settings.worse, _differs(settings))
 
 
-def better(fit: PlantFit, effect: str, left_out: set[str], settings: DecisionSettings) -> list[LargerLaw]:
-    """The best shape of each larger law that fits significantly better than the law of a fit.
+def worth_a_fit(
+    fit: PlantFit, effect: str, left_out: set[str], settings: DecisionSettings
+) -> list[LargerLaw]:
+    """The best shape of each larger law that fits clearly better than the law of a fit, or as `not_excluded`.
+
+    Clearly: by more than the cost that is not significant, over the cost per degree of freedom.
 
     Parameters
     ----------
     fit, effect, left_out, settings
         As `not_excluded`.
     """
-    return _best_shapes(fit, effect, left_out, settings, -settings.worse, 0.0)
+    differs, clear = _differs(settings), -settings.worse * max(fit.cost_per_dof, 1.0)
+
+    def is_start(rise: float, difference: float) -> bool:
+        return differs(rise, difference) or (rise < clear and difference > 0)
+
+    return _best_shapes(fit, effect, left_out, settings, settings.worse, is_start)
+
+
+def _differs(settings: DecisionSettings) -> Accepts:
+    return lambda _rise, difference: difference >= settings.different
 
 
 def _best_shapes(
@@ -166,16 +181,16 @@ def _best_shapes(
     left_out: set[str],
     settings: DecisionSettings,
     most: float,
-    different: float,
+    accepts: Accepts,
 ) -> list[LargerLaw]:
-    """Of each larger law, with the largest rise of the cost and the least difference of the torque."""
+    """The best shape of each larger law, with the largest rise of the cost."""
     larger = [
         each
         for each in effect_types().values()
         if each.simpler == effect and each.id not in left_out and not each.not_searched
     ]
     profile = _Profile(fit, effect, settings) if larger else None
-    found = [profile.best_shape(catalogue.law(each), most, different) for each in larger]
+    found = [profile.best_shape(catalogue.law(each), most, accepts) for each in larger]
     return [one for one in found if one is not None]
 
 
@@ -200,16 +215,16 @@ class _Profile:
         self.torque = self._torque(law, shape, c)
         self.left = fit.residual - self._columns(law, shape[None, :])[0] @ c  # without the law
 
-    def best_shape(self, law: Law, most: float, different: float) -> LargerLaw | None:
-        """The shape of a law that fits best of those whose torque differs; None if none fits as well.
+    def best_shape(self, law: Law, most: float, accepts: Accepts) -> LargerLaw | None:
+        """The shape of a law that fits best of those that are accepted; None if there is none.
 
         Parameters
         ----------
         law : Law
         most : float
             Largest rise of the cost.
-        different : float
-            Least difference of the torque, as `LargerLaw.difference`.
+        accepts : callable
+            Of the rise and the difference of a shape (see `LargerLaw`).
         """
         points, best = law.points(self.scales), None
         if not len(points):
@@ -221,7 +236,7 @@ class _Profile:
                 if rise > (most if best is None else best[0]):
                     continue
                 difference = self._difference(self._torque(law, shape, c))
-                if difference >= different:
+                if accepts(rise, difference):
                     best = rise, shape, c, difference
         if best is None:
             return None
