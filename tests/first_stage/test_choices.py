@@ -24,7 +24,7 @@ from gsid.diagnosis.from_records import (
 from gsid.diagnosis.from_records.play_structures import structures_for_play
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.short_list import _worth_a_fit
+from gsid.diagnosis.from_records.short_list import _clearly_likelier, _worth_a_fit
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.missing_torque import free_functions, linear_fit, ranking, refit, stage
 from gsid.diagnosis.missing_torque.law_columns import Law
@@ -412,3 +412,22 @@ def test_nothing_is_on_the_short_list_where_only_noise_is_left():
     draft = stage_of({}, (0.0, 0.98))
     draft.stage.cost_per_dof = 0.99
     assert _worth_a_fit(draft, DEFAULTS) == []
+
+
+@pytest.mark.parametrize(
+    ("drop", "cost", "listed"),
+    [
+        (513.0, 1.02, True),
+        (511.0, 1.02, False),  # 12 times its cost above the other's 500
+        (530.0, 2.9, False),
+        (540.0, 2.9, True),
+        (1e6, 3.1, False),  # more than little above noise
+        (np.nan, np.nan, False),  # only scanned
+    ],
+)
+def test_bug_a_stop_that_one_realisation_touches_was_not_fitted(drop, cost, listed):
+    """It explained nothing where that one was left out, and the nearest law was a rounding of the command
+    (blind trial 110031 single 7)."""
+    rounding = SimpleNamespace(effects=("drive_quantization",), drop=500.0, cost_per_dof=1.17)
+    stop = SimpleNamespace(effects=("hard_stop",), drop=drop, cost_per_dof=cost)
+    assert _clearly_likelier([rounding, stop], [rounding], DEFAULTS) == ([stop] if listed else [])

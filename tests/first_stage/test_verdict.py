@@ -73,6 +73,28 @@ def test_laws_of_the_position_and_those_with_a_memory_contain_a_spring():
     assert containing == {"mass_unbalance", "motor_cogging", "hard_stop", "presliding_friction", "bouc_wen"}
 
 
+@pytest.mark.parametrize(
+    ("cost", "verdict", "effects"),
+    [
+        (1.0, "nearest_effect", ("hard_stop",)),
+        (1.16, "nearest_effect", ("drive_quantization",)),  # it leaves more than noise too
+    ],
+)
+def test_bug_a_stop_that_one_realisation_touches_was_nearest_to_a_law_that_leaves_more_than_noise(
+    cost, verdict, effects
+):
+    """It explains nothing where that one is left out (blind trial 110031 single 7)."""
+    stop, rounding = fit("hard_stop", cost, kept=3.0), fit("drive_quantization", 1.2, kept=1.12)
+    found = decision(stop, rounding, null=1.3)
+    assert (found.verdict, found.effects) == (verdict, effects)
+
+
+@pytest.mark.parametrize(("lead", "verdict"), [(99, "unknown_effect"), (101, "nearest_effect")])
+def test_a_law_of_one_realisation_that_leaves_only_noise_is_nearest_if_it_is_clear(lead, verdict):
+    found = decision(fit("hard_stop", 1.0, kept=3.0), null=1.0 + lead / N_DOF)
+    assert (found.verdict, found.unexplained_share) == (verdict, None)
+
+
 @pytest.mark.parametrize(("better", "verdict"), [(11, "missing_effect"), (13, "nearest_effect")])
 def test_bug_frictions_that_do_not_slide_kept_a_spring_from_its_name(better, verdict):
     """Within their elastic travel they are that spring (seed 5314, cable_spring 12)."""

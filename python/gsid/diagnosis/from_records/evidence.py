@@ -275,15 +275,15 @@ class Evidence:
         return self.likeliest(best)
 
     def least(self) -> Simulated:
-        """The law that leaves least where it was not fitted, unless another one is far likelier.
+        """The law that leaves least where it was not fitted, unless one that leaves noise is far likelier.
 
-        Where only noise is left, the scatter of what is kept out is larger than the misfit of a weak law.
+        There the scatter of what is kept out is larger than the misfit of a weak law. A stop that is touched
+        in one realisation explains nothing where that is left out.
         """
         least = min(self.laws, key=self.kept)
         adequate = [one for one in self.laws if self.is_adequate(one)]
         likeliest = min(adequate, key=self.priced, default=least)
-        is_far = self.is_adequate(least) and self.is_less_likely(least, likeliest)
-        return likeliest if is_far else least
+        return likeliest if self.is_less_likely(least, likeliest) else least
 
     def likeliest(self, best: Simulated) -> Simulated:
         """A linear effect instead of the best law, if it is likelier or simpler, and only noise is left.

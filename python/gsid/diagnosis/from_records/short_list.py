@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from gsid.diagnosis.from_records.draft import Draft, is_linear, with_stack
@@ -30,7 +30,8 @@ def short_list(
     """The winner of the first stage, the best of another family, and relatives of the winner.
 
     The law that the winner becomes at one end of its shapes is always among them, and so are linear effects
-    that are nearly as good. Laws that explain too little to catch up are left out.
+    that are nearly as good, and the law that leaves least. Laws that explain too little to catch up are left
+    out.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ def short_list(
     members = [one for one in fitted[1:] if _family(one) == own][: settings.members]
     chosen = [winner, *rivals, *members]
     chosen += [one for one in fitted if one not in chosen and _is_close(one, winner, settings)]
+    chosen += _clearly_likelier(draft.stage.ranking, chosen, settings)
     listed = [Candidate(one.effects[0], started(draft, one, pruned)) for one in chosen]
     simpler = find(winner.effects[0]).simpler
     if simpler and simpler not in [*left_out, *(one.effect for one in listed)]:
@@ -104,6 +106,21 @@ def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel
 def _is_close(one: Ranked, winner: Ranked, settings: DecisionSettings) -> bool:
     """Whether a linear effect, whose simulation takes little time, may be as good as the winner."""
     return is_linear(one.effects[0]) and one.drop > winner.drop - settings.named_lead
+
+
+def _clearly_likelier(
+    ranking: Sequence[Ranked], chosen: Sequence[Ranked], settings: DecisionSettings
+) -> list[Ranked]:
+    """The law that leaves least, if that is little more than noise and clearly less than the chosen ones do.
+
+    A stop that is touched in one realisation explains nothing of the others, on which it was not fitted.
+    """
+    near = [one for one in ranking if one.cost_per_dof < settings.much_left]
+    best = max(near, key=lambda one: one.drop, default=None)
+    if best is None:
+        return []
+    lead = best.drop - max(one.drop for one in chosen)
+    return [best] if lead > settings.worse * max(best.cost_per_dof, 1.0) else []
 
 
 def _family(one: Ranked) -> str:
