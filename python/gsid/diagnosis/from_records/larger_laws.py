@@ -18,6 +18,7 @@ from gsid.diagnosis.from_records.evidence import Evidence, contains, family_of
 from gsid.diagnosis.from_records.law_part import label_of, without
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.unsearched_laws import remark, unsearched_as_good
 from gsid.diagnosis.from_records.what_is_left import along_simulated_motion
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.law_columns import Law, torque_lines, torques
@@ -83,14 +84,17 @@ def add_larger_laws(run: Run) -> None:
         With its decision.
     """
     decision, final = run.decision, run.final
-    if not decision.effects or final is None or run.in_closed_loop or run.deadline.is_over:
+    if not decision.effects or final is None or run.in_closed_loop or final.model.has_controller:
         return
-    if final.model.has_controller or not run.evidence().is_adequate(final):
+    if not run.evidence().is_adequate(final):
         return
     left_out = {*run.without, *decision.effects, *(effect.id for effect in final.model.effects)}
-    found = not_excluded(final.fit, final.effects[0], left_out, run.settings)
+    is_over = run.deadline.is_over
+    found = [] if is_over else not_excluded(final.fit, final.effects[0], left_out, run.settings)
     alike = as_good(run.evidence(), final, decision.effects)
-    run.larger = {one.effect: one.model for one in found} | {one.effects[0]: one.model for one in alike}
+    unsearched = unsearched_as_good(run, final, left_out)
+    run.larger = {one.effect: one.model for one in found}
+    run.larger |= {one.effects[0]: one.model for one in [*alike, *unsearched]}
     effects = (*decision.effects, *run.larger)
     run.decision = replace(decision, effects=effects)
     run.basis = run.basis and replace(run.basis, effects=effects)
@@ -100,6 +104,7 @@ def add_larger_laws(run: Run) -> None:
         f" parameters; over another motion it may differ from {final.effects[0]}."
         for one in alike
     ]
+    run.notes += [remark(one, final) for one in unsearched]
 
 
 def as_good(evidence: Evidence, best: Simulated, group: Collection[str]) -> list[Simulated]:

@@ -71,7 +71,7 @@ class Run:
         self.decision = Decision(UNKNOWN)
         self.basis: Basis | None = None  # of the decision
         self.final: Simulated | None = None
-        self.larger: dict[str, PlantModel] = {}  # laws that contain the best one and are not excluded
+        self.larger: dict[str, PlantModel] = {}  # further laws that are not excluded
         self.ripple: Ripple | None = None
         self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
         self.cut = False  # whether time or work was over before a law of the short list was fitted
