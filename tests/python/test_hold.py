@@ -224,3 +224,15 @@ def test_a_step_of_the_ladder_takes_one_hold_and_keeps_that_it_was_assumed():
     assert values["hold_assumed"]
     assert done.model.fit["hold"] == values["hold"] == done.fit.hold
     assert values["delay_hold_uncertainty_s"] == pytest.approx(0.5 / FS_HZ, rel=0.3)
+
+
+def test_bug_the_misfit_without_the_effect_decided_the_hold():
+    """Friction leaves many times what a wrong hold does; the right model was rejected by the next record."""
+    record = held_record(100, 1e-3, coulomb_level=20.0)
+    assert fit_plant(plant(AXIS), record).hold == "none"
+    done = add("coulomb_friction", plant(AXIS), record)
+    delay = done.model["transport_delay.delay_s"]
+    assert (done.fit.hold, done.fit.hold_assumed) == ("zoh", True)
+    assert done.model.fit["hold"] == "zoh"
+    assert delay.value == pytest.approx(1e-3, abs=4 * delay.std)
+    assert done.fit.other_delay_s == pytest.approx(1e-3 + 0.5 / FS_HZ, abs=2e-5)

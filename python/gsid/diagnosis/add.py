@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gsid.base.errors import GsidError, InputError, close
-from gsid.base.hold import other_reading
+from gsid.base.hold import likelier, other_reading
 from gsid.base.tables import paragraphs
 from gsid.comparison import Comparison, compare
 from gsid.diagnosis.closed_loop import in_closed_loop
@@ -123,8 +123,8 @@ def add(
     model : PlantModel
         Its free parameters are fitted with and without the effect.
     records : Record or Spectra, or a sequence of them
-        Realisations. If they do not state their hold, all steps use the assumption that is more likely for
-        the given model.
+        Realisations. If they do not state their hold, both models are fitted under the assumption that is
+        likelier with the effect.
     params : dict of float, optional
         Starting values; parameters not given start at typical values. Default: those of the first stage of
         the diagnosis, along the measured motion. A custom effect starts at its typical values.
@@ -166,24 +166,40 @@ def add(
             _, held_out = in_closed_loop(model, held_out, reference)
     kept = None if held_out is None else spectra_of(held_out)
     split = _split(spectra_of(records), kept, used_records(model))
-    fitted = undeclared = split.fitted
     on_step("fitting the given model")
-    start = model if model.fit is not None else linear_start(model, fitted)
-    before = fit_plant(start, fitted, band=band)
+    start = model if model.fit is not None else linear_start(model, split.fitted)
+    before = fit_plant(start, split.fitted, band=band)
     require_motion(before)
+    data = _read(split, before.hold) if before.hold_assumed else split
+    after = _best_fit(before, known, _starts(before, known, params, band), data.fitted, band, on_step)
     if before.hold_assumed:
-        split = split._replace(fitted=read_as(fitted, before.hold), kept=read_as(split.kept, before.hold))
-        fitted = split.fitted
-    after = _best_fit(before, known, _starts(before, known, params, band), fitted, band, on_step)
+        on_step("fitting with the other hold")
+        before, after, data = _with_likelier_hold(before, after, split, band)
     _note_places_outside(after)
-    on_step(f"judging on {split.words}")
-    rung = _rung(-1, before, after, split, band)
-    step = _step(known.id, rung, undo_state(model), fitted)
-    if before.hold_assumed:
-        other = read_as(undeclared, other_reading(before.hold))
-        as_assumed(after, _fit_or_none(after.model, other, band))
+    on_step(f"judging on {data.words}")
+    rung = _rung(-1, before, after, data, band)
+    step = _step(known.id, rung, undo_state(model), data.fitted)
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
+
+
+def _read(split: _Split, hold: str) -> _Split:
+    return split._replace(fitted=read_as(split.fitted, hold), kept=read_as(split.kept, hold))
+
+
+def _with_likelier_hold(
+    before: PlantFit, after: PlantFit, split: _Split, band: tuple[float, float] | None
+) -> tuple[PlantFit, PlantFit, _Split]:
+    """The fits without and with the effect under the assumption that is likelier with it, and the data.
+
+    Without the effect its misfit decides, which is many times that of a wrong hold.
+    """
+    taken, other = before.hold, other_reading(before.hold)
+    again = [_fit_or_none(one.model, read_as(split.fitted, other), band) for one in (before, after)]
+    without, whole = again
+    if without is None or whole is None or likelier({taken: after.cost, other: whole.cost}) == taken:
+        return before, as_assumed(after, whole), _read(split, taken)
+    return without, as_assumed(whole, after), _read(split, other)
 
 
 def _fit_or_none(
