@@ -5,12 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 from plants import plant
+from test_hold import held_record
 
+import gsid
 from gsid.diagnosis.from_records import hold_check
-from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.hold_check import check_hold, take_likelier_hold
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, Decision
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.plant.model import PlantModel
 
 GIVEN = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}}
@@ -128,3 +130,63 @@ def test_friction_cannot_imitate_a_hold(checked):
     costs = {("none", ("coulomb_friction",)): 900.0, ("zoh", ("coulomb_friction",)): 5000.0}
     found = checked(["coulomb_friction"], costs)
     assert names(found) == ["coulomb_friction"]
+
+
+@dataclass
+class Law:
+    """A fit under one assumption."""
+
+    cost: float
+    fit: object
+    converged: bool = True
+    model: str = "a model"
+
+
+@pytest.mark.parametrize(
+    ("cost", "verdict", "in_loop", "hold"),
+    [
+        (97.9, MISSING, False, "zoh"),
+        (98.1, MISSING, False, "none"),  # -2 log likelihood decides above 2
+        (50.0, NEAREST, False, "zoh"),
+        (50.0, UNKNOWN, False, "none"),
+        (50.0, MISSING, True, "none"),
+        (None, MISSING, False, "none"),
+    ],
+)
+@pytest.mark.parametrize("is_null", [False, True])
+def test_bug_the_linear_part_alone_decided_the_hold_of_records_alone(
+    monkeypatch, cost, verdict, in_loop, hold, is_null
+):
+    """A Coulomb friction was named with a delay of half a sample too much, 230 standard deviations off."""
+    shown, other = Law(100.0, "not held"), cost and Law(cost, "held", converged=False)
+    noted = []
+    monkeypatch.setattr(hold_check, "_fit_from", lambda run, model, hold: other)
+    monkeypatch.setattr(hold_check, "_read", lambda run, hold: [hold])
+    monkeypatch.setattr(hold_check, "as_assumed", lambda fit, other: noted.append((fit, other)))
+    rival = Law(300.0, "rival")
+    run = SimpleNamespace(
+        hold_assumed=True, hold="none", measured=["none"], in_closed_loop=in_loop, laws=[shown, rival]
+    )
+    run.final, run.null = (None, shown) if is_null else (shown, Law(1e4, "null"))
+    run.decision, run.deadline = Decision(verdict, ()), SimpleNamespace(is_over=False)
+    take_likelier_hold(run)
+    now = run.null if is_null else run.final
+    assert (run.hold, run.measured) == (hold, [hold])
+    assert (now.fit, now.converged) == (("held", False) if hold == "zoh" else ("not held", True))
+    if not is_null:
+        assert run.laws == [now, rival]
+    if verdict == UNKNOWN or in_loop:
+        assert noted == []
+    else:
+        assert noted == [(now.fit, shown.fit if hold == "zoh" else other and other.fit)]
+
+
+def test_records_alone_get_the_delay_of_the_likelier_hold():
+    record = held_record(100, 1e-3, coulomb_level=5.0)
+    found = gsid.diagnose_records([record])
+    print(found)
+    assert (found.effects[0], found.hold, found.hold_assumed) == ("coulomb_friction", "zoh", True)
+    delay = found.model["transport_delay.delay_s"]
+    assert delay.value == pytest.approx(1e-3, abs=4 * delay.std)
+    assert found.other_delay_s == pytest.approx(1e-3 + 0.5 / 3000.0, abs=2e-5)
+    assert any("not held between samples, the delay would be 1.1" in text for text in found.assumed)

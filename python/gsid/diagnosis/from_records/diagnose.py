@@ -22,7 +22,7 @@ from gsid.diagnosis.from_records.draw_up import draw_up, give_up
 from gsid.diagnosis.from_records.equal_weights import weigh_model_error
 from gsid.diagnosis.from_records.find_structure import find_structure
 from gsid.diagnosis.from_records.fit_laws import confirm
-from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.hold_check import check_hold, take_likelier_hold
 from gsid.diagnosis.from_records.larger_laws import add_larger_laws
 from gsid.diagnosis.from_records.mend_structure import mend_structure
 from gsid.diagnosis.from_records.result import Diagnosis
@@ -133,6 +133,8 @@ def diagnose_records(
                         rounds.run()
                         check_hold(rounds)
                         check_series(rounds)
+                    else:
+                        take_likelier_hold(run)
                     shown = rounds.effects if rounds else [run]
                     if len(shown) == 1:
                         weigh_model_error(*shown)

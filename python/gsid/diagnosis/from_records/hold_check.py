@@ -2,7 +2,7 @@
 
 A lag, a delay, a sensor that is sampled and held, or a mode above the band can imitate a hold. Such an effect
 is named only if it is also missing under the other assumption, beside all other effects found, or if the
-records refute that assumption.
+records refute that assumption. From the records alone the values are those of the likelier one.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsid.base.hold import DECLARE, MEANING, other_reading
+from gsid.base.hold import DECLARE, MEANING, likelier, other_reading
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.evidence import n_parameters
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.verdict import UNKNOWN
 from gsid.greybox.fit import as_assumed
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel
@@ -58,11 +59,45 @@ def check_hold(rounds: Rounds) -> None:
     as_assumed(final.fit, whole.fit if whole else None)
 
 
+def take_likelier_hold(run: Run) -> None:
+    """Take the values under the hold that is likelier with the law found, and note the other delay; in place.
+
+    The linear part alone has decided before, which leaves many times what a wrong hold does where a law is
+    missing. The structure stays: it was chosen from the records, with the element that imitates a hold.
+
+    Parameters
+    ----------
+    run : Run
+        Of records alone that may not state their hold, with its verdict.
+    """
+    shown = run.final or run.null
+    if not run.hold_assumed or run.hold is None or shown is None or run.decision.verdict == UNKNOWN:
+        return
+    if run.in_closed_loop or run.deadline.is_over:
+        return
+    other_hold = other_reading(run.hold)
+    other = _fit_from(run, shown.model, other_hold)
+    if other is None or likelier({run.hold: shown.cost, other_hold: other.cost}) == run.hold:
+        as_assumed(shown.fit, other.fit if other else None)
+        return
+    as_assumed(other.fit, shown.fit)
+    swapped = replace(shown, fit=other.fit, converged=other.converged)
+    if shown is run.null:
+        run.null = swapped
+    else:
+        run.laws, run.final = [swapped if one is shown else one for one in run.laws], swapped
+    run.measured, run.hold = _read(run, other_hold), other_hold
+
+
 def _fit(run: Run, model: PlantModel, hold: str) -> Simulated | None:
     """A model fitted under an assumption, from new starting values of its linear part."""
-    measured = _read(run, hold)
-    fits = replace(run.simulations(), measured=measured)
-    fitted = fits.fit(linear_start(model, measured), ())
+    return _fit_from(run, linear_start(model, _read(run, hold)), hold)
+
+
+def _fit_from(run: Run, model: PlantModel, hold: str) -> Simulated | None:
+    """A model fitted under an assumption, from its own values."""
+    fits = replace(run.simulations(), measured=_read(run, hold))
+    fitted = fits.fit(model, ())
     for why in fits.not_tried.values():
         run.not_tried[f"the check with the input {MEANING[hold]}"] = why
     return fitted

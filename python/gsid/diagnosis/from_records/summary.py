@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gsid.base.hold import DECLARE, MEANING
+from gsid.base.hold import DECLARE, MEANING, other_reading
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.canonical import unit_of_values
 from gsid.diagnosis.from_records.confirm import Simulated
@@ -84,7 +84,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         law_model=_as_given(run, law_model),
         without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
         next_experiment=_next_experiment(shown),
-        other_delay_s=_fit_shown(run, kept).other_delay_s if run.given and run.null else None,
+        other_delay_s=_fit_shown(run, kept).other_delay_s if run.null else None,
         remarks=[*run.notes, *_unsettled(final or run.null)],
         basis=basis,
         probabilities=known,
@@ -176,7 +176,9 @@ def _not_tried(run: Run) -> dict[str, str]:
 
 def _fit_shown(run: Run, kept: Sequence[Run]) -> PlantFit:
     """Of the model with all effects found, else of the given one: what the hold was checked with."""
-    return kept[-1].final.fit if kept and kept[-1].final else run.null.fit
+    if kept and kept[-1].final:
+        return kept[-1].final.fit
+    return run.final.fit if run.final and not run.given else run.null.fit
 
 
 def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) -> PlantModel | None:
@@ -305,6 +307,14 @@ def _drafted(one: Ranked) -> RankedLaw:
     return RankedLaw(one.effects, dict(one.params), *numbers, False)
 
 
+def _other_delay(run: Run) -> str:
+    """The delay under the other assumption about the hold, if it is known."""
+    delay_s = None if run.given or run.hold is None or run.null is None else _fit_shown(run, []).other_delay_s
+    if delay_s is None:
+        return ""
+    return f" ({MEANING[other_reading(run.hold)]}, the delay would be {1e3 * delay_s:.5g} ms)"
+
+
 def _assumed(run: Run) -> list[str]:
     """What the result relies on: of the linear structure, and of this diagnosis."""
     one = run.measured[0]
@@ -317,7 +327,7 @@ def _assumed(run: Run) -> list[str]:
     else:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:
-        texts.append(f"the input was {MEANING[run.hold or 'zoh']}; to decide, {DECLARE}")
+        texts.append(f"the input was {MEANING[run.hold or 'zoh']}{_other_delay(run)}; to decide, {DECLARE}")
     if run.in_closed_loop and run.loop is not None:
         gains = ", ".join(f"{name} {param.value:.4g}" for name, param in run.loop.params.items())
         texts.append(f"the controller, found from reference, output and command: {run.loop.id} ({gains})")
