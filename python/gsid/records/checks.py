@@ -12,11 +12,13 @@ from gsid.base.arguments import real_number
 from gsid.base.errors import InputError, choose
 from gsid.base.json_files import read_json
 from gsid.records.clock import doubts_about_times
-from gsid.records.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Raw
-from gsid.records.record import LARGEST, Record
+from gsid.records.raw import KEYS, TIME_NAMES, Raw
+from gsid.records.record import Record
+from gsid.records.time_stamps import rate_of_times
 
 _log = logging.getLogger(__name__)
 MIN_SAMPLES = {"period_samples": 1, "settle_samples": 0}
+SLOW_HZ = 10.0  # a servo axis is not sampled so slowly, but milliseconds read as seconds are
 MAX_SAMPLES = 2**53  # a double does not represent every larger integer
 
 
@@ -54,7 +56,10 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
     valid = same_length.pop("valid", np.ones(n)).astype(bool)
     for name in {u, y}:
         _check_finite(raw, name, np.where(valid, same_length[name], 0))
-    rate_hz = _sample_rate(path, raw, t, fs_hz)
+    rate_hz = _sample_rate(path, raw, time_name or "", t, fs_hz)
+    if time_name == "t" and fs_hz is None and rate_hz < SLOW_HZ:
+        hint = "if it is in milliseconds, give --fs and name it t_ms"
+        _log.warning("%s: the column t in seconds gives %g Hz; %s", path.name, rate_hz, hint)
     if t is None:
         _warn_of_times(path, {name: c for name, c in same_length.items() if name not in (u, y)}, rate_hz)
     text = {"u_unit": _unit_in(u), "y_unit": _unit_in(y)}
@@ -121,7 +126,7 @@ def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:
         )
 
 
-def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None) -> float:
+def _sample_rate(path: Path, raw: Raw, name: str, t: np.ndarray | None, fs_hz: float | None) -> float:
     stated = fs_hz if fs_hz is not None else _key_number(path, raw, "fs_hz", float)
     stated = None if stated is None else real_number("fs_hz", stated, "Hz")
     if stated is not None and not (np.isfinite(stated) and stated > 0):
@@ -132,7 +137,7 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
         if stated is None:
             raise InputError("the sample rate is unknown", str(path), None, _hint_of_rate(raw))
         return float(stated)
-    measured = _rate_of_times(raw, np.asarray(t, np.float64), fs_hz is not None)
+    measured = rate_of_times(raw, name, np.asarray(t, np.float64), fs_hz is not None)
     if stated is not None and abs(measured - stated) > 1e-3 * stated:
         raise InputError(
             "the given sample rate does not match the times",
@@ -155,51 +160,6 @@ def _hint_of_rate(raw: Raw) -> str:
     hint = "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`"
     times = next((name for name in (*raw.listed, *raw.columns) if "time" in name.lower()), None)
     return hint if times is None else f"{hint}; if {times} has the times in seconds, name it t_s"
-
-
-def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
-    """Compute the rate of equally spaced times, rounded to a whole number if their resolution allows it.
-
-    If the user states the rate, jitter of the times is attributed to the clock that wrote them. A gap is an
-    error in any case.
-    """
-    with np.errstate(over="ignore"):  # differences of huge times are checked below
-        step = float(np.median(np.diff(t)))
-    if step <= 0:
-        back = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 1
-        raise InputError(
-            "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
-        )
-    if not 1 / LARGEST < step < LARGEST:
-        hint = "write the times in seconds, or omit them and give the rate with --fs"
-        raise InputError("the time step is out of range", raw.where("t_s", 1), f"{step:.3g} s", hint)
-    resolution = _resolution(t)
-    tolerance = JITTER_STATED if is_stated else STEP_TOLERANCE
-    off = np.abs(np.diff(t) - step) > min(tolerance * step + resolution, 0.5 * step)
-    if off.any():
-        at = int(np.flatnonzero(off)[0]) + 1
-        raise InputError(
-            "unequal time steps",
-            raw.where("t_s", at),
-            f"{t[at] - t[at - 1]:.6g} s after {step:.6g} s",
-            "insert lost samples as rows with valid = 0, or resample to one rate"
-            + ("" if is_stated else "; if only the timestamps jitter, give the rate with --fs"),
-        )
-    rate = (len(t) - 1) / (t[-1] - t[0])
-    slack = rate * 2 * resolution / (t[-1] - t[0])
-    return float(round(rate)) if abs(rate - round(rate)) <= slack else float(rate)
-
-
-def _resolution(t: np.ndarray) -> float:
-    """Resolution of the times: their last decimal digit, or their floating-point rounding."""
-    rounding = (
-        4 * float(np.abs(t).max()) * np.finfo(np.float32 if np.all(t == t.astype(np.float32)) else float).eps
-    )
-    some = t[:: max(1, len(t) // 1000)]
-    for decimals in range(1, 10):
-        if np.all(np.abs(some - np.round(some, decimals)) <= rounding):
-            return 10.0**-decimals
-    return rounding
 
 
 def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | None:

@@ -13,8 +13,6 @@ from gsid.records.record import Record
 KEYS = ("fs_hz", "period_samples", "settle_samples", "u_unit", "y_unit", "hold")
 TIME_NAMES = ("t_s", "t")
 RESERVED = (*TIME_NAMES, "u", "y", "valid", "meta")  # not allowed as names of other columns or notes
-STEP_TOLERANCE = 0.01  # of a step, in addition to the resolution of the written times
-JITTER_STATED = 0.5  # of a step, if the user states the rate: the times may then be those of writing
 DAMAGED = "the file is damaged, cut short, or not of this kind"
 DAMAGED_HINT = "write or copy it again"
 
