@@ -132,6 +132,10 @@ def _print(result: Comparison, unit: str, cost_means: str) -> None:
     rms = f"{unit} rms".strip()
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
     print(f"Model uncertainty {_uncertainty(result, rms)}.")
+    if not result.where:
+        if not result.adequate:
+            print("No band stands out: the excess is spread over the whole band.")
+        return
     print_table(
         Table(
             ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
