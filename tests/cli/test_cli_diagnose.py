@@ -2,10 +2,13 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import click
 import numpy as np
 import pytest
 
+from gsid.cli import diagnose
 from gsid.diagnosis.ladder import Rung
 from gsid.excitation.multisine import Multisine
 from gsid.models.load import load_model
@@ -276,3 +279,19 @@ def test_bug_records_too_short_for_a_ladder_had_no_page(undrawn, gsid):
     assert result.code == 0
     assert "no ladder in the model" in result.err
     assert "Which effect is missing" in Path("short.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "cost", "suggested"),
+    [("nearest_effect", 3.1, True), ("nearest_effect", 2.9, False), ("missing_effect", 3.1, False)],
+)
+def test_a_second_effect_is_searched_beside_the_nearest_one(capsys, verdict, cost, suggested):
+    """Friction and a cubic spring: the nearest is friction, and what it leaves was not spoken of."""
+    found = SimpleNamespace(
+        verdict=verdict, effects=("coulomb_friction",), adequate=False, cost_per_dof_after=cost, linear=None
+    )
+    with click.Context(click.Command("diagnose")):
+        diagnose._suggest(found, ["a.csv"], None, "curve.csv")
+    told = capsys.readouterr().err
+    assert ("gsid diagnose --model M2.json a.csv searches beside coulomb_friction" in told) == suggested
+    assert "gsid add coulomb_friction" in told

@@ -24,6 +24,7 @@ from gsid.cli.options import (
     reference_option,
 )
 from gsid.cli.output import (
+    MUCH_LEFT,
     answered,
     command_line,
     draw,
@@ -248,6 +249,9 @@ def _suggest(found: Diagnosis, records: Sequence[str], model_path: str | None, c
         which = "a new record, which the search has not used" if model_path else "a new record"
         rest = "" if model_path else f"; `gsid start REC... -o {linear}` writes the linear model"
         suggest(f"{typed} judges it on {which}{rest}")
+    if found.verdict == "nearest_effect" and found.cost_per_dof_after > MUCH_LEFT:
+        further = command_line("diagnose", "--model", "M2.json", records=records)
+        suggest(f"more than one effect may be missing: then {further} searches beside {found.effects[0]}")
     if found.verdict != "unknown_effect":
         return
     if not curve and found.linear is not None:
