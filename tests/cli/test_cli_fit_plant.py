@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gsid.cli.output import print_parameters
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import COST_MEANS
+from gsid.plant.model import PlantModel
 from gsid.records.files import write_record
 from gsid.records.record import Record
 
@@ -64,6 +66,18 @@ def test_bug_sigma_of_a_model_that_leaves_more_than_noise_stood_alone(gsid, file
     assert "times the power of noise: sigma is by noise only, and the values are off by more" in late.err
     right = gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json")
     assert "sigma is by noise only" not in right.err
+
+
+@pytest.mark.parametrize(
+    ("cost", "told"), [(1.29, ""), (1.31, "may be off by more"), (3.1, "are off by more")]
+)
+def test_sigma_of_a_model_that_leaves_some_more_than_noise(capsys, cost, told):
+    """Bug: a friction of another shape was named at 1.8 times the power of noise, its values 25 sigma off."""
+    stack = [{"effect": "rigid_body", "params": {"gain": {"value": 1.0, "std": 0.1}}}]
+    model = PlantModel.from_dict({"gsid_model": 1, "fs_hz": 1000.0, "output": "rate", "effects": stack})
+    print_parameters(model, cost)
+    err = capsys.readouterr().err
+    assert (told in err) if told else (err == "")
 
 
 def test_a_comparison_allows_for_what_was_fitted_to_the_record(gsid, files):

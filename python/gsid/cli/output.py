@@ -57,6 +57,7 @@ def is_terminal(stream: TextIO) -> bool:
 
 TEXT_MOST = 1000  # characters of a text that is printed
 MUCH_LEFT = 3.0  # cost per degree of freedom from which on the errors of a model are larger than noise
+SOME_LEFT = 1.3  # and from which on they may be more than chance
 
 
 def visible(text: str) -> str:
@@ -277,9 +278,10 @@ def print_parameters(model: PlantModel, cost_per_dof: float) -> None:
             rows.append([*row, *model.torques_of(effect, name)])
     head, more = ["effect", "parameter", "value", "sigma", "unit"], list(model.torque_head)
     print_table(Table([*head, *more], rows, left=["effect", "parameter", "unit", *more]))
-    if cost_per_dof > MUCH_LEFT and any(model[name].std for name in model.free_names):
+    if cost_per_dof > SOME_LEFT and any(model[name].std for name in model.free_names):
         left = f"the model leaves {cost_per_dof:.4g} times the power of noise"
-        print_message(f"note: {left}: sigma is by noise only, and the values are off by more")
+        are = "are" if cost_per_dof > MUCH_LEFT else "may be"
+        print_message(f"note: {left}: sigma is by noise only, and the values {are} off by more")
 
 
 def print_ladder(ladder: Ladder) -> None:
