@@ -380,8 +380,8 @@ def _no_period(
         "u is not periodic",
         name,
         value,
-        "excite with a periodic signal (gsid design), or give --period if noise hides the period; of a record that"
-        " does not repeat, gsid frf estimates the response",
+        "excite with a periodic signal (gsid design), or give --period if noise hides the period; of a record"
+        " that does not repeat, gsid frf estimates the response",
     )
 
 
