@@ -13,7 +13,7 @@ BAND = {"f_lo_hz": 1.0, "f_hi_hz": 3.0, "lines": "odd", "share": 0.9, "p_value":
     ("adequate", "where", "last"),
     [
         (True, [], "Model uncertainty left out"),
-        (False, [], "No band stands out: the excess is spread over the whole band."),
+        (False, [], "The excess is spread over the whole band."),
         (False, [BAND], "1        3  odd"),
     ],
 )

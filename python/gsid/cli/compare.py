@@ -134,7 +134,7 @@ def _print(result: Comparison, unit: str, cost_means: str) -> None:
     print(f"Model uncertainty {_uncertainty(result, rms)}.")
     if not result.where:
         if not result.adequate:
-            print("No band stands out: the excess is spread over the whole band.")
+            print("The excess is spread over the whole band.")
         return
     print_table(
         Table(
