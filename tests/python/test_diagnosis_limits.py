@@ -196,10 +196,13 @@ def test_a_check_of_the_hold_without_time_is_stated(monkeypatch):
 def test_bug_two_effects_of_which_neither_had_a_name_alone_lost_the_other_delay():
     """The delay under the other hold is that of the model with both; the given model's was looked for."""
     both, given = SimpleNamespace(other_delay_s=2e-3), SimpleNamespace(other_delay_s=None)
-    run = SimpleNamespace(null=SimpleNamespace(fit=given), decision=Decision(NEAREST))
+    null, alone = SimpleNamespace(fit=given), SimpleNamespace(fit=both)
+    run = SimpleNamespace(null=null, decision=Decision(NEAREST), given="a model", final=alone)
     kept = [SimpleNamespace(final=SimpleNamespace(fit=both))]
     assert summary._fit_shown(run, kept) is both
     assert summary._fit_shown(run, ()) is given
+    run.given = None  # from the records alone the law is part of the model
+    assert summary._fit_shown(run, ()) is both
 
 
 def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):

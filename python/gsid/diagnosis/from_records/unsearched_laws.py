@@ -27,7 +27,10 @@ def unsearched_as_good(run: Run, best: Simulated, left_out: Collection[str]) -> 
     left_out : collection of str
         Effects that are not tried.
     """
-    confused = [each for each in catalogue().values() if each.not_searched and each.id not in left_out]
+    unsearched = [each for each in catalogue().values() if each.not_searched and each.id not in left_out]
+    confused = [each for each in unsearched if best.effects[0] in each.confused_with]
+    if not confused:
+        return []
     fits = replace(run.simulations(), deadline=run.deadline.bounded(run.settings.moves_of_fit))
     fitted = [
         _fitted(run, fits, each, best.cost) for each in confused if best.effects[0] in each.confused_with
