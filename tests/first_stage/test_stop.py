@@ -292,3 +292,18 @@ def test_bug_a_weak_stop_was_nearest_to_a_rounding_of_the_command():
     drawn = hard.make_hard(110016, 38, "single")
     found = gsid.diagnose_records([record_of(u, y) for u, y in drawn.records])
     assert "hard_stop" in found.effects
+
+
+def test_bug_a_stop_that_one_record_hits_on_one_side_only_was_begun_too_near_the_other_side(monkeypatch):
+    """Beside each width a constant torque explains that record alone (blind trial 110032 single 15)."""
+    plant, edges = model(BODY, VISCOUS, SPRING), Edges(-2.0, 3.0, 500.0, -1.0, 0, 0.1)
+    wide = with_edges(plant, edges.widened(0.2)).stack()["hard_stop"]["angle_deg"]
+
+    def distance(start, measured, deadline):
+        far = abs(start.stack()["hard_stop"]["angle_deg"] - wide)
+        return 0.01 if measured == "one side" else 0.01 + far
+
+    monkeypatch.setattr(stop_edges, "_distance", distance)
+    for loud in (["one side", "both sides"], ["both sides", "one side"]):
+        found = nearest_start(plant, edges, loud, Deadline())
+        assert found.stack()["hard_stop"]["angle_deg"] == wide

@@ -165,7 +165,7 @@ def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra], dead
 
     An edge that the motion does not reach may lie anywhere beyond it. Where the motion just touches it, the
     simulation may find another orbit, between both stops: the start is the narrowest stop whose simulation is
-    near the record.
+    near all records. One record alone may hit one side only, at any distance of the other.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def nearest_start(model: PlantModel, edges: Edges, loud: Sequence[Spectra], dead
         OutOfTime is raised there.
     """
     starts = [with_edges(model, edges.widened(share)) for share in WIDENED]
-    distances = [_distance(one, loud[edges.record], deadline) for one in starts]
+    distances = [sum(_distance(one, each, deadline) for each in loud) for one in starts]
     return next(start for start, left in zip(starts, distances, strict=True) if left <= NEAR * min(distances))
 
 
