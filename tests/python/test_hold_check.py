@@ -143,22 +143,23 @@ class Law:
 
 
 @pytest.mark.parametrize(
-    ("cost", "verdict", "in_loop", "hold"),
+    ("cost", "converged", "verdict", "in_loop", "hold"),
     [
-        (97.9, MISSING, False, "zoh"),
-        (98.1, MISSING, False, "none"),  # -2 log likelihood decides above 2
-        (50.0, NEAREST, False, "zoh"),
-        (50.0, UNKNOWN, False, "none"),
-        (50.0, MISSING, True, "none"),
-        (None, MISSING, False, "none"),
+        (97.9, True, MISSING, False, "zoh"),
+        (98.1, True, MISSING, False, "none"),  # -2 log likelihood decides above 2
+        (50.0, False, MISSING, False, "none"),  # a name needs a fit that has converged
+        (50.0, True, NEAREST, False, "zoh"),
+        (50.0, True, UNKNOWN, False, "none"),
+        (50.0, True, MISSING, True, "none"),
+        (None, True, MISSING, False, "none"),
     ],
 )
 @pytest.mark.parametrize("is_null", [False, True])
 def test_bug_the_linear_part_alone_decided_the_hold_of_records_alone(
-    monkeypatch, cost, verdict, in_loop, hold, is_null
+    monkeypatch, cost, converged, verdict, in_loop, hold, is_null
 ):
     """A Coulomb friction was named with a delay of half a sample too much, 230 standard deviations off."""
-    shown, other = Law(100.0, "not held"), cost and Law(cost, "held", converged=False)
+    shown, other = Law(100.0, "not held", converged=False), cost and Law(cost, "held", converged)
     noted = []
     monkeypatch.setattr(hold_check, "_fit_from", lambda run, model, hold: other)
     monkeypatch.setattr(hold_check, "_read", lambda run, hold: [hold])
@@ -172,7 +173,7 @@ def test_bug_the_linear_part_alone_decided_the_hold_of_records_alone(
     take_likelier_hold(run)
     now = run.null if is_null else run.final
     assert (run.hold, run.measured) == (hold, [hold])
-    assert (now.fit, now.converged) == (("held", False) if hold == "zoh" else ("not held", True))
+    assert (now.fit, now.converged) == (("held", True) if hold == "zoh" else ("not held", False))
     if not is_null:
         assert run.laws == [now, rival]
     if verdict == UNKNOWN or in_loop:

@@ -67,6 +67,20 @@ def test_a_gap_is_found_beside_them(rng, clock, n_lost, near):
         assert caught.value.where.startswith("column t,")
 
 
+def test_rows_in_disorder_are_refused_though_the_rate_is_stated(rng):
+    """Bug: their jitter left no gap to be seen, and they were read as they stood."""
+    with pytest.raises(InputError, match="unequal time steps"):
+        rate_of_times(RAW, "t", np.concatenate([[0.0], rng.permutation(stamps(rng))[1:-1], [2.0]]), True)
+
+
+def test_a_warning_tells_that_a_lost_sample_would_not_show(rng, caplog):
+    with caplog.at_level(logging.WARNING):
+        rate_of_times(RAW, "t", stamps(rng, resolution_s=1e-3), is_stated=True)
+        assert caplog.messages == []
+        rate_of_times(RAW, "t", stamps(rng, resolution_s=1e-2), is_stated=True)
+    assert caplog.messages == ["the times are too coarse to show a lost sample"]
+
+
 def test_stamps_that_are_coarser_than_a_sample_ask_for_the_rate(rng):
     with pytest.raises(InputError, match="coarser than a sample") as caught:
         rate_of_times(RAW, "t_s", stamps(rng, resolution_s=1e-3), is_stated=False)

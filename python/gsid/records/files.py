@@ -62,8 +62,8 @@ def read_record(
         Names of the columns or arrays of input and output; default "u" and "y". In .h5, a path inside the
         file. In ULog, `topic.field`, both in one topic.
     fs_hz : float, optional
-        Sample rate [Hz]. Required if the file states neither times nor a rate, or if its times jitter by up
-        to half a step.
+        Sample rate [Hz]. Required if the file states neither times nor a rate, or if its times
+        jitter or are rounded more coarsely than a step.
     period, settle : int, optional
         Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 
@@ -11,6 +12,7 @@ from gsid.base.errors import InputError
 from gsid.records.raw import Raw
 from gsid.records.record import LARGEST
 
+_log = logging.getLogger(__name__)
 STEP_TOLERANCE = 0.01  # of a step, in addition to the resolution of the written times
 GAP = 0.5  # of a step: shift of the mean times that is a lost sample, where the user states the rate
 SURE = 5.0  # standard deviations of that shift by jitter alone
@@ -46,7 +48,7 @@ def rate_of_times(raw: Raw, name: str, t: np.ndarray, is_stated: bool) -> float:
     if not 1 / LARGEST < step < LARGEST:
         hint = "write the times in seconds, or omit them and give the rate with --fs"
         raise InputError("the time step is out of range", raw.where(name, 1), f"{step:.3g} s", hint)
-    at = _first_gap(t, step, resolution) if is_stated else _first_unequal(t, step, resolution)
+    at = (_first_gap if is_stated else _first_unequal)(t, step, resolution)
     if at is not None:
         raise InputError(
             "unequal time steps",
@@ -83,7 +85,8 @@ def _first_gap(t: np.ndarray, step: float, resolution: float) -> int | None:
     """Sample from which on all later times are shifted; jitter does not last.
 
     The mean lateness of the samples after it is compared with that of the samples before it, of so many that
-    jitter alone does not reach half a step.
+    jitter alone does not reach half a step: a gap nearer to an end of the record does not show. Where no two
+    such sides fit into the record, times that never go back are taken as they are, with a warning.
     """
     number = np.arange(len(t))
     late = t - t[0] - step * number
@@ -92,7 +95,7 @@ def _first_gap(t: np.ndarray, step: float, resolution: float) -> int | None:
     spread = math.hypot((high - low) / 3.29 / math.sqrt(2), resolution / math.sqrt(12))
     n = max(1, math.ceil(2 * (SURE * spread / (GAP * step)) ** 2))
     if 2 * n > len(t):
-        return None
+        return _first_back(t)
     sums = np.concatenate([[0.0], np.cumsum(late)])
     mean = (sums[n:] - sums[:-n]) / n
     shift = np.abs(mean[n:] - mean[:-n])  # at sample n, n + 1, ...
@@ -100,6 +103,14 @@ def _first_gap(t: np.ndarray, step: float, resolution: float) -> int | None:
     if not len(found):
         return None
     return n + int(found[0] + np.argmax(shift[found[0] : found[0] + 2 * n]))
+
+
+def _first_back(t: np.ndarray) -> int | None:
+    back = np.flatnonzero(np.diff(t) < 0)
+    if len(back):
+        return int(back[0]) + 1
+    _log.warning("the times are too coarse to show a lost sample")
+    return None
 
 
 def _resolution(t: np.ndarray) -> float:

@@ -15,9 +15,7 @@ from gsid.spectrum.lines import bins_of_record, lines_of, phase_factors
 from gsid.spectrum.spectra import Spectra
 from gsid.spectrum.tones import GUARD, Tone, find_tones
 
-ALPHA = (
-    1e-4  # false-alarm rate of a record: a false sine costs one line or two, a weak one that stays nothing
-)
+ALPHA = 1e-4  # false-alarm rate of a record: a false sine costs a line or two, a missed weak one nothing
 LOWEST = 1.5  # lowest frequency of a sine [lines]: below it, a drift of the output is taken for one
 ABOVE_BAND = 1.25  # highest frequency of a sine over that of an excited line; a lower rate takes less time
 ROUNDING = 1e-9  # of the largest line of the input

@@ -63,7 +63,8 @@ def take_likelier_hold(run: Run) -> None:
     """Take the values under the hold that is likelier with the law found, and note the other delay; in place.
 
     The linear part alone has decided before, which leaves many times what a wrong hold does where a law is
-    missing. The structure stays: it was chosen from the records, with the element that imitates a hold.
+    missing. The structure stays: it was chosen from the records, with the element that imitates a hold. So do
+    the values if the other fit has not converged, since a name needs one that has.
 
     Parameters
     ----------
@@ -77,11 +78,12 @@ def take_likelier_hold(run: Run) -> None:
         return
     other_hold = other_reading(run.hold)
     other = _fit_from(run, shown.model, other_hold)
-    if other is None or likelier({run.hold: shown.cost, other_hold: other.cost}) == run.hold:
+    is_likelier = other is not None and likelier({run.hold: shown.cost, other_hold: other.cost}) == other_hold
+    if not (is_likelier and other.converged):
         as_assumed(shown.fit, other.fit if other else None)
         return
     as_assumed(other.fit, shown.fit)
-    swapped = replace(shown, fit=other.fit, converged=other.converged)
+    swapped = replace(shown, fit=other.fit, converged=True)
     if shown is run.null:
         run.null = swapped
     else:

@@ -18,7 +18,7 @@ from gsid.diagnosis.from_records.evidence import Evidence, contains, family_of
 from gsid.diagnosis.from_records.law_part import label_of, without
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.from_records.unsearched_laws import remark, unsearched_as_good
+from gsid.diagnosis.from_records.unsearched_laws import as_good_remark, unsearched_as_good
 from gsid.diagnosis.from_records.what_is_left import along_simulated_motion
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.law_columns import Law, torque_lines, torques
@@ -31,7 +31,7 @@ from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
-Accepts = Callable[[float, float], bool]
+Accepts = Callable[[float, float], bool]  # of the rise of the cost and the difference of a shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def add_larger_laws(run: Run) -> None:
         f" parameters; over another motion it may differ from {final.effects[0]}."
         for one in alike
     ]
-    run.notes += [remark(one, final) for one in unsearched]
+    run.notes += [as_good_remark(one, final) for one in unsearched]
 
 
 def as_good(evidence: Evidence, best: Simulated, group: Collection[str]) -> list[Simulated]:
@@ -229,7 +229,7 @@ class _Profile:
         most : float
             Largest rise of the cost.
         accepts : callable
-            Of the rise and the difference of a shape (see `LargerLaw`).
+            Whether a shape with this rise and this difference (see `LargerLaw`) may be the one.
         """
         points, best = law.points(self.scales), None
         if not len(points):

@@ -74,7 +74,7 @@ class Diagnosis(Plottable):
         The law that is missing, or the nearest; several where the data do not distinguish them.
     unexplained_share : float or None
         Share of the misfit that the law leaves, where it was not fitted. None without a law, where the misfit
-        is so small that its size is not known, and for a law that is nearest because of one realisation.
+        is so small that its size is not known, and for a law that is nearest though it explains little.
     confirmed : bool
         Whether the verdict was confirmed by simulation; False for a first draft.
     reasons : tuple of str

@@ -26,7 +26,7 @@ from gsid.spectrum.spectra import Spectra
 STOP, BIAS = "hard_stop", "torque_bias"
 LOUD = 0.8  # least input of a record of the high level, relative to the largest
 WIDENED = (0.0, 0.05, 0.1, 0.2, 0.4)  # shares of the distance of the edges by which one may lie further out
-NEAR = 2.0  # largest distance of a simulation from the record, over the least: other orbits are far off
+NEAR = 2.0  # largest distance of a simulation from the records, over the least: other orbits are far off
 SHARES = np.linspace(0.1, 1.0, 10)  # of the travel to each side: edges that are tried
 
 

@@ -32,14 +32,13 @@ def unsearched_as_good(run: Run, best: Simulated, left_out: Collection[str]) -> 
     if not confused:
         return []
     fits = replace(run.simulations(), deadline=run.deadline.bounded(run.settings.moves_of_fit))
-    fitted = [
-        _fitted(run, fits, each, best.cost) for each in confused if best.effects[0] in each.confused_with
-    ]
+    fitted = [_fitted(run, fits, each, best.cost) for each in confused]
     run.not_tried.update(fits.not_tried)
     return [one for one in fitted if one is not None and not run.evidence().is_worse(one, best)]
 
 
 def _fitted(run: Run, fits: Simulations, effect: EffectType, to_beat: float) -> Simulated | None:
+    """The best fit from the starts of `gsid add`; None without one, and then listed as not tried."""
     try:
         starts = [] if run.deadline.is_over else effect_starts(run.null.fit, effect, run.band)
     except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
@@ -50,8 +49,8 @@ def _fitted(run: Run, fits: Simulations, effect: EffectType, to_beat: float) -> 
     return min((one for one in found if one is not None), key=lambda one: one.cost, default=None)
 
 
-def remark(one: Simulated, best: Simulated) -> str:
-    """What is reported of it.
+def as_good_remark(one: Simulated, best: Simulated) -> str:
+    """What is reported of a law that joins the group.
 
     Parameters
     ----------

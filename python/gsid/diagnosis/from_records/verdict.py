@@ -42,7 +42,7 @@ class Decision:
         What kept a law from being named, one sentence each.
     unexplained_share : float or None
         Share of the misfit that the law leaves, where it was not fitted. None without a law, where the misfit
-        is so small that its size is not known, and for a law that is nearest because of one realisation.
+        is so small that its size is not known, and for a law that is nearest though it explains little.
     """
 
     verdict: str
@@ -88,16 +88,16 @@ def decide(evidence: Evidence) -> Decision:
         return Decision(MISSING, effects, (), left)
     adequate = evidence.is_adequate(best)
     steady = adequate or is_steady(best, settings.nearest_scatter, settings)
-    is_in_one = share < settings.nearest_share  # such as a stop that is touched in one realisation
+    explains_little = share < settings.nearest_share  # as a stop that one realisation touches
     if (
-        (is_in_one and not (adequate and evidence.is_clear(best)))
+        (explains_little and not (adequate and evidence.is_clear(best)))
         or best.cost >= evidence.null.cost
         or not steady
         or (evidence.beaten_by and not adequate)  # by little, along the measured motion with its errors
         or not (adequate or best.has_reliable_share or evidence.margin(best) >= settings.named_margin)
     ):
         return Decision(UNKNOWN, (), reasons, left)
-    return Decision(NEAREST, effects, reasons, None if is_in_one else left)
+    return Decision(NEAREST, effects, reasons, None if explains_little else left)
 
 
 def is_steady(one: Simulated, most: float, settings: DecisionSettings) -> bool:
