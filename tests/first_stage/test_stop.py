@@ -92,7 +92,7 @@ def test_bug_the_search_left_the_measured_orbit_behind_impacts():
         line = np.flatnonzero(one.excited)
         left = np.sum(np.abs(answer.Y - one.y)[line] ** 2)
         assert answer.settled
-        # Noise leaves 1 +- 0.1, by 250 lines and a variance from 8 periods; another orbit a million times as much.
+        # Noise leaves 1 +- 0.1 (250 lines, a variance from 8 periods), another orbit a million times as much.
         assert left < 1.5 * np.sum(one.noise_y[line] / one.n_periods)
         angle, rate = measured_state(plant, one)
         assert angle == pytest.approx(answer.angle[0], abs=0.005)  # noise and walk: 0.003 deg
