@@ -360,7 +360,16 @@ def test_the_fit_without_a_dropped_effect_is_that_of_the_last_one_kept():
 
 @pytest.mark.parametrize(
     ("share", "text"),
-    [(0.0, "0.0%"), (1.0, "100.0%"), (0.9999, "99.99%"), (0.0002, "0.02%"), (-0.1, "< 0%"), (0.413, "41.3%")],
+    [
+        (0.0, "0.0%"),
+        (1.0, "100.0%"),
+        (0.9999, "99.99%"),
+        (0.99999, "> 99.99%"),  # bug: 100.00%
+        (0.0002, "0.02%"),
+        (1e-9, "< 0.01%"),
+        (-0.1, "< 0%"),
+        (0.413, "41.3%"),
+    ],
 )
 def test_a_share_becomes_0_or_100_percent_only_if_it_is(share, text):
     assert result._percent(share) == text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gsid
-from gsid.diagnosis.from_records.fingerprints import LAWS, fingerprints
+from gsid.diagnosis.from_records.fingerprints import LAWS, _percent, fingerprints
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
@@ -82,3 +82,18 @@ def test_a_law_of_a_small_share_is_not_presented_as_the_missing_one(found):
     assert "explains only 1.158 % of the misfit: it is not what is missing" in sentence(0.01158)
     assert "explains 97 % of the misfit, and its curve over the rate follows" in sentence(0.97)
     assert sentence(float("nan")).startswith("The curve of coulomb_friction over the rate follows")
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (3.3e-15, "less than 0.01 %"),  # bug: "3.331e-13 % of the torque missing there"
+        (0.99999999, "more than 99.99 %"),  # bug: 100 %
+        (0.9992, "99.92 %"),
+        (1.0, "100 %"),
+        (0.0, "0 %"),
+        (-0.2, "0 %"),
+    ],
+)
+def test_a_share_becomes_neither_0_nor_100_percent_by_rounding(share, text):
+    assert _percent(share) == text

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 LAWS = 3  # of the ranking
 RECORDS = 2  # the more are used, the longer it takes; the curves change little
 MAIN = DecisionSettings.nearest_share  # of the misfit: below it, a law is not the main effect
+LEAST_SHOWN = 1e-4  # share that is printed as a number; nothing smaller becomes 0 % or 100 %
 LEAST_SHARE = 0.005  # of the missing torque's mean square over a variable: below it, a law has no curve
 
 
@@ -88,6 +89,11 @@ class Fingerprint:
 
 
 def _percent(share: float) -> str:
+    """A share with so many digits that it becomes neither 0 % nor 100 % by rounding."""
+    if 0 < share < LEAST_SHOWN:
+        return f"less than {100 * LEAST_SHOWN:g} %"
+    if 1 - LEAST_SHOWN < share < 1:
+        return f"more than {100 * (1 - LEAST_SHOWN):g} %"
     return f"{100 * max(share, 0.0):.4g} %"  # below 0: worse than without it; how much worse tells nothing
 
 

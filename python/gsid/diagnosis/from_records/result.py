@@ -351,7 +351,10 @@ def _percent(share: float | None) -> str:
     if share < 0:
         return "< 0%"  # worse than without it, where it was not fitted; how much worse tells nothing
     text = f"{share:.1%}"
-    return f"{share:.2%}" if text in ("100.0%", "0.0%") and 0 < share < 1 else text
+    if text not in ("100.0%", "0.0%") or not 0 < share < 1:
+        return text
+    finer = f"{share:.2%}"
+    return {"100.00%": "> 99.99%", "0.00%": "< 0.01%"}.get(finer, finer)
 
 
 def _scatter(scatter: float) -> str:
