@@ -6,6 +6,9 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib
 
+SLOPE_HALF = 10  # lines on each side that show the slope of the noise, to 5 % per line with two periods
+STEEPEST = 4.0  # exponent of the noise over frequency: that of torque noise behind two integrators
+
 
 def lines_of(x: np.ndarray) -> np.ndarray:
     """Compute lines 0 .. N/2 of one period, scaled as in Spectra: |line| is the amplitude of the sine.
@@ -123,11 +126,55 @@ def bins_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) ->
     n_periods, n_lines = lines.shape
     whole = bins_of_record(lines, n_period, settle_samples)
     around = np.arange(-((n_periods - 1) // 2), n_periods // 2 + 1)
-    bins = n_periods * np.arange(n_lines)[:, None] + around[around != 0]
+    around = around[around != 0]
+    bins = n_periods * np.arange(n_lines)[:, None] + around
     scale = np.full(n_lines, (2.0 / n_period) / np.sqrt(n_periods))
     real = np.arange(n_lines) * 2 % n_period == 0
     scale[real] /= 2
-    return whole[bins % len(whole)] * scale[:, None]
+    noise = whole[bins % len(whole)] * scale[:, None]
+    share = np.ones(n_lines)
+    share[~real] = at_lines_over_between(np.mean(np.abs(noise[~real]) ** 2, axis=1), around / n_periods)
+    return noise * np.sqrt(share)[:, None]
+
+
+def at_lines_over_between(power: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Power of the noise at the lines over that in the bins around them.  Eq: FRF-6
+
+    With an even number of periods there is one bin more above a line than below it, with two periods only
+    one above. Where the noise falls with frequency, its power there is lower than at the line.
+
+    Parameters
+    ----------
+    power : (K,) ndarray
+        Mean power around lines 1 .. K.
+    around : (P - 1,) ndarray
+        Positions of the bins from a line, in lines.
+
+    Returns
+    -------
+    (K,) ndarray
+        1 with fewer than 21 lines.
+    """
+    if len(power) < 2 * SLOPE_HALF + 1:
+        return np.ones(len(power))
+    line = np.arange(1, len(power) + 1)
+    level = np.log(np.maximum(power, np.finfo(float).tiny))
+    at = line + around.mean()
+    steepest = STEEPEST * np.maximum(at / SLOPE_HALF, 1)  # per line, beyond the first ones
+    exponent = np.clip(_exponents(at, level), -steepest, steepest)
+    return 1 / np.mean(np.exp(exponent[:, None] * np.log1p(around / line[:, None])), axis=1)
+
+
+def _exponents(x: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Slope of the level over ln x at each line, by least squares over the lines around it without itself."""
+    apart = np.arange(-SLOPE_HALF, SLOPE_HALF + 1)
+    inner = np.convolve(level, -apart / np.sum(apart**2), mode="valid")
+    slopes = np.concatenate([np.zeros(SLOPE_HALF), inner, np.full(SLOPE_HALF, inner[-1])]) * x
+    first = np.arange(len(apart))
+    for i in range(SLOPE_HALF):  # there the level bends over x, but less over ln x
+        others = first[first != i]
+        slopes[i] = np.polyfit(np.log(x[others]), level[others], 1)[0]
+    return slopes
 
 
 def bins_of_record(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
