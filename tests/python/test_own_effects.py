@@ -17,6 +17,7 @@ import gsid
 from gsid import effects
 from gsid._lib import ffi, lib
 from gsid.base.errors import InputError
+from gsid.diagnosis.from_records.what_is_left import FRICTION_OVER_ANGLE, what_is_left
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 
@@ -83,6 +84,14 @@ def test_an_expression_is_fitted_validated_saved_and_removed(records, tmp_path):
     ]
     assert gsid.diagnose(added.model, records[0]).cost_per_dof > 0  # it can stand in a model that is searched
     assert copy.deepcopy(again).to_dict() == again.to_dict()
+
+
+def test_bug_what_a_model_with_an_own_law_leaves_could_not_be_tested(records):
+    """A second effect beside such a law ended the diagnosis with KeyError: 'expression'."""
+    added = gsid.add(effects.expression("c*tanh(w/0.02)", {"c": 0.5}), start(), records)
+    p_values = what_is_left(gsid.fit_plant(added.model, records[:2]))
+    assert set(p_values) == {"the angle", "the rate", "the command", FRICTION_OVER_ANGLE}
+    assert min(p_values.values()) > 1e-3
 
 
 def test_sensitivities_of_own_laws_are_those_of_the_answer(records):

@@ -11,7 +11,7 @@ import numpy as np
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.missing_torque.problem import linear_part_of
+from gsid.diagnosis.missing_torque.problem import linear_kind
 from gsid.spectrum.ringing import noise_ratio
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.start import start
@@ -94,7 +94,7 @@ def resonances(stack: Stack) -> Iterator[tuple[float, float]]:
     """
     stiffness = damping = 0.0
     for label, params in stack.items():
-        kind = linear_part_of(label).linear_part
+        kind = linear_kind(label)
         first = next(iter(params.values()), 0.0)
         if kind == "spring":
             stiffness += first

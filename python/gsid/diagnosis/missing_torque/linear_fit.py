@@ -14,7 +14,7 @@ from gsid.diagnosis.missing_torque.problem import (
     LinearPart,
     Problem,
     Responses,
-    linear_part_of,
+    linear_kind,
     split,
 )
 
@@ -346,7 +346,7 @@ def with_modes_searched(
 
 def _free_modes(part: LinearPart) -> list[str]:
     """Labels of the modes whose values are all free."""
-    labels = [label for label in part.stack if linear_part_of(label).linear_part == "mode"]
+    labels = [label for label in part.stack if linear_kind(label) == "mode"]
     return [label for label in labels if all(f"{label}.{name}" in part.names for name in part.stack[label])]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from gsid._lib import check, ffi, lib
-from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem, linear_part_of
+from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem, linear_kind
 from gsid.plant.linear_response import LinearView, linear_view
 from gsid.response.sample_hold import held_response
 
@@ -86,7 +86,7 @@ def motions(problem: Problem, part: LinearPart) -> list[Motion]:
 
 def _lines_of_motion(problem: Problem, part: LinearPart, r: Lines) -> np.ndarray:
     """Lines that show the motion: those above half the rate of a held sensor are images of others."""
-    holds = [params for label, params in part.stack.items() if linear_part_of(label).linear_part == "hold"]
+    holds = [params for label, params in part.stack.items() if linear_kind(label) == "hold"]
     rates_hz = [rate_hz for params in holds for rate_hz in params.values() if rate_hz > 0]
     slowest_hz = min([r.spectra.fs_hz, *rates_hz])
     below_half = (math.ceil(slowest_hz / r.spectra.f_hz[1]) - 1) // 2

@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
-from gsid.diagnosis.missing_torque.problem import LinearPart, linear_part_of
+from gsid.diagnosis.missing_torque.problem import LinearPart, linear_kind
 
 Stack = Mapping[str, Mapping[str, float]]
 
@@ -46,13 +46,13 @@ def lacks(part: LinearPart, stack: Stack, effect: str) -> bool:
     stack : dict of dict of float
     effect : str
     """
-    form = linear_part_of(effect).linear_part
+    form = linear_kind(effect)
     return len(_of(stack, form)) > len(_of(part.stack, form))
 
 
 def _of(stack: Stack, form: str) -> list[str]:
     """Labels of the effects of a kind."""
-    return [label for label in stack if linear_part_of(label).linear_part == form]
+    return [label for label in stack if linear_kind(label) == form]
 
 
 def _matched_lags(ours: Stack, theirs: Stack) -> dict[str, str]:

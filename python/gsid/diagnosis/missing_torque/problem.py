@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from gsid.base.deadline import Deadline
 from gsid.base.zero_order_hold import hold_factor
 from gsid.diagnosis.missing_torque.settings import SearchSettings
-from gsid.effects.types import EffectType, catalogue
+from gsid.effects.types import catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
@@ -111,9 +111,17 @@ class LinearPart:
         return replace(self, stack=stack)
 
 
-def linear_part_of(label: str) -> EffectType:
-    """Effect of a label in a stack of the linear part."""
-    return catalogue()[label.partition("#")[0]]
+def linear_kind(label: str) -> str | None:
+    """What an effect of a stack is in a linear axis, as `EffectType.linear_part`; None for a law.
+
+    A law may be one of the user's own, which the catalogue does not have.
+
+    Parameters
+    ----------
+    label : str
+    """
+    known = catalogue().get(label.partition("#")[0])
+    return known.linear_part if known else None
 
 
 @cache
@@ -297,9 +305,9 @@ class Problem:
         part : LinearPart
         """
         return sum(
-            params[linear_part_of(label).names[0]]
+            next(iter(params.values()))
             for label, params in part.stack.items()
-            if linear_part_of(label).linear_part == "spring"
+            if linear_kind(label) == "spring"
         )
 
     def lines_of(self, whitened: np.ndarray) -> list[np.ndarray]:
@@ -407,7 +415,7 @@ class Problem:
 
     def _several_responses(self, part: LinearPart, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """(Gd, P) of each group without images, (n, K) each, for rows of free values."""
-        kinds = {linear_part_of(split(name)[0]).linear_part for name in part.names}
+        kinds = {linear_kind(split(name)[0]) for name in part.names}
         if kinds & ONE_BY_ONE:
             each = [self.responses(part.at(row)) for row in values]
             return [
