@@ -93,6 +93,15 @@ def test_the_story(gsid):
     assert load_model("none.json").to_dict() == load_model("null.json").to_dict()
 
 
+def test_bug_too_little_time_for_a_given_model_ended_with_a_traceback(gsid):
+    """There was no linear part, no hold and no curve to suggest a command with."""
+    for more in ([], ["--curve", "c.csv"]):
+        result = gsid("diagnose", "--model", "null.json", *RECORDS, "--time", "0.001", *more)
+        assert result.code == 0, result.err
+        assert "No law was judged" in result.out
+        assert "--table" not in result.out + result.err
+
+
 def test_from_the_records_alone(gsid):
     """No model file: the verdict, the law and the picture, from one command."""
     arguments = ["-o", "found.json", "--json", "--plot", "d.png"]

@@ -39,9 +39,11 @@ def rounds_with(n, p_value):
         SimpleNamespace(decision=Decision(MISSING, (name,), (), 0.01)) for name in ("coulomb_friction", MODE)
     )
     final = with_copies(n, p_value)
+    refitted = []
     return SimpleNamespace(
         kept=[friction, mode], near=[], joint=None, final=final, has_series=False, settings=DEFAULTS,
         first=SimpleNamespace(null=SimpleNamespace(model=GIVEN)),
+        refitted=refitted, fit_named=refitted.append,
     )  # fmt: skip
 
 
@@ -55,6 +57,7 @@ def test_bug_a_delay_was_called_a_missing_mode_after_three_of_them():
     assert "3 of flexible_mode" in mode.decision.reasons[0]
     assert friction.decision.verdict == MISSING
     assert rounds.has_series
+    assert rounds.refitted == [rounds.joint]  # the model has the friction alone
 
 
 def test_one_mode_stays_named():

@@ -9,6 +9,7 @@ from test_hold import held_record
 
 import gsid
 from gsid.diagnosis.from_records import hold_check
+from gsid.diagnosis.from_records import run as of_run
 from gsid.diagnosis.from_records.hold_check import check_hold, take_likelier_hold
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
@@ -169,6 +170,7 @@ def test_bug_the_linear_part_alone_decided_the_hold_of_records_alone(
         hold_assumed=True, hold="none", measured=["none"], in_closed_loop=in_loop, laws=[shown, rival]
     )
     run.final, run.null = (None, shown) if is_null else (shown, Law(1e4, "null"))
+    run.replace_final = lambda better: of_run.Run.replace_final(run, better)
     run.decision, run.deadline = Decision(verdict, ()), SimpleNamespace(is_over=False)
     take_likelier_hold(run)
     now = run.null if is_null else run.final
@@ -190,4 +192,5 @@ def test_records_alone_get_the_delay_of_the_likelier_hold():
     delay = found.model["transport_delay.delay_s"]
     assert delay.value == pytest.approx(1e-3, abs=4 * delay.std)
     assert found.other_delay_s == pytest.approx(1e-3 + 0.5 / 3000.0, abs=2e-5)
+    assert found.delay_hold_uncertainty_s == pytest.approx(abs(found.other_delay_s - delay.value))
     assert any("not held between samples, the delay would be 1.1" in text for text in found.assumed)

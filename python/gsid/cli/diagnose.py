@@ -132,7 +132,8 @@ def diagnose(
         )
     _give_inertia(found, inertia_kg_m2 or (model.inertia_kg_m2 if model else None))
     before = _compared(found)
-    note_assumed_hold(model is not None and found.hold_assumed, found.hold, found.other_delay_s)
+    if model is not None and found.hold is not None:
+        note_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
     final = _saved(model, found, path) if path else None
     missing = _missing(found, curve)
     draw((found if found.model or not before else before).plot, picture)
@@ -254,7 +255,9 @@ def _suggest(found: Diagnosis, records: Sequence[str], model_path: str | None, c
         suggest(f"more than one effect may be missing: then {further} searches beside {found.effects[0]}")
     if found.verdict != "unknown_effect":
         return
-    if not curve and found.linear is not None:
+    if found.linear is None:
+        return
+    if not curve:
         suggest("--curve CURVE.csv saves the missing torque as a law")
     elif model_path:
         as_law = command_line("add", "--table", curve, *given, *judge, records=records, output="M2.json")

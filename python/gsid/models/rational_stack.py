@@ -18,7 +18,7 @@ from gsid.base.errors import InputError
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS
+from gsid.plant.units import angle_unit_of
 
 EQUAL = 1e-6  # relative distance of zeros that count as equal
 ZERO = 1e-9  # share of the largest pole below which a spring is none
@@ -64,12 +64,11 @@ def stack_of(model: RationalModel, output: str, where: str = "") -> PlantModel:
     effects += [_effect("motor_lag", {"time_constant_s": float(lag)}) for lag in lags]
     if model.delay_s > 0:
         effects.append(_effect("transport_delay", {"delay_s": model.delay_s}))
-    unit = model.y_unit.partition("/")[0]
     return PlantModel(
         fs_hz=model.fs_hz,
         effects=effects,
         output=output,
-        angle_unit=unit if unit in RADIANS else "deg",
+        angle_unit=angle_unit_of(model.y_unit),
         u_unit=model.u_unit,
         y_unit=model.y_unit,
     )

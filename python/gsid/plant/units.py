@@ -32,7 +32,22 @@ def kind_of_unit(unit: str) -> str | None:
     for ending, kind in KIND_OF_UNIT:
         if unit.endswith(ending):
             return kind
-    return "angle" if unit in {*RADIANS, "mm", "um", "mrad"} else None
+    return "angle" if unit in {*RADIANS, *TURNING, *TRAVELS} else None
+
+
+def angle_unit_of(y_unit: str) -> str:
+    """Unit of angle of a model whose output has a unit; "m" for an axis that does not turn.
+
+    Parameters
+    ----------
+    y_unit : str
+        Of an angle or travel, of its rate or acceleration, or of something else, such as V; "" is taken for
+        degrees.
+    """
+    unit = y_unit.partition("/")[0]
+    if unit in RADIANS:
+        return unit
+    return "m" if unit and unit not in TURNING else "deg"
 
 
 TORQUES = {

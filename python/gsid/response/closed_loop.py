@@ -119,7 +119,7 @@ def loop_spectra(record: Record, reference: str) -> Spectra:
 
 
 def require_reference(record: Record | Spectra, reference: str) -> None:
-    """Refuse a record without the column of its reference.
+    """Refuse a record without the column of its reference, or with a number in it that is not finite.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def require_reference(record: Record | Spectra, reference: str) -> None:
     Raises
     ------
     InputError
-        The column does not exist.
+        The column does not exist, or has a number that is not finite.
     ValueError
         Spectra have no reference.
     """
@@ -139,6 +139,11 @@ def require_reference(record: Record | Spectra, reference: str) -> None:
         names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
         hint = f"{choose(reference, names)}; select it with --r"
         raise InputError(f"no column named {reference}", record.name, None, hint)
+    r = np.asarray(record.columns[reference], float)
+    bad = np.flatnonzero(~np.isfinite(r) & record.valid)
+    if bad.size:
+        where = f"{record.name} sample {bad[0]}, {reference}"
+        raise InputError("a number is not finite", where, r[bad[0]], "repair it, or mark the sample as lost")
 
 
 def driven_by(record: Record, reference: str) -> Record:
@@ -153,15 +158,10 @@ def driven_by(record: Record, reference: str) -> Record:
     Raises
     ------
     InputError
-        The column does not exist, or has a number that is not finite.
+        As `require_reference`.
     """
     require_reference(record, reference)
-    r = np.asarray(record.columns[reference], float)
-    bad = np.flatnonzero(~np.isfinite(r) & record.valid)
-    if bad.size:
-        where = f"{record.name} sample {bad[0]}, {reference}"
-        raise InputError("a number is not finite", where, r[bad[0]], "repair it, or mark the sample as lost")
-    r = np.where(record.valid, r, 0.0)
+    r = np.where(record.valid, np.asarray(record.columns[reference], float), 0.0)
     return replace(record, u=r, columns={}, name=f"{record.name} with {reference} for u")
 
 

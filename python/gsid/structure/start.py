@@ -21,7 +21,7 @@ from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import OUTPUTS as OF_PLANTS
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS, kind_of_unit, torque_text
+from gsid.plant.units import angle_unit_of, kind_of_unit, torque_text
 from gsid.records.clipping import clipped_text
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_response
@@ -121,12 +121,11 @@ class Start(Plottable):
             Effect(label.partition("#")[0], {n: self._param(label, n, v) for n, v in params.items()})
             for label, params in self.effects.items()
         ]
-        unit = self.measured.y_unit.partition("/")[0]
         model = PlantModel(
             fs_hz=self.measured.fs_hz,
             effects=effects,
             output=self.output,
-            angle_unit=unit if unit in RADIANS else "deg",
+            angle_unit=angle_unit_of(self.measured.y_unit),
             u_unit=self.measured.u_unit,
             y_unit=self.measured.y_unit,
             inertia_kg_m2=self.inertia_kg_m2,
@@ -281,8 +280,11 @@ def start(
     outputs = _outputs(output, measured.y_unit)
     best, found = _likeliest(axis, source, outputs, settings, deadline)
     if output is None and outputs != OUTPUTS and not best.selection.represents:
-        outputs = OUTPUTS
-        best, found = _likeliest(axis, source, outputs, settings, deadline)
+        try:
+            best, found = _likeliest(axis, source, OUTPUTS, settings, deadline)
+            outputs = OUTPUTS
+        except OutOfTime:
+            best.selection.complete = False
     if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
         model = best.selection.chosen.fitted
         cleared = source.without_images(model, rate_hz, best.hold)

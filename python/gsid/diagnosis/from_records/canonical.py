@@ -14,7 +14,7 @@ from dataclasses import replace
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
-from gsid.plant.units import OUTPUTS, RADIANS, TURNING
+from gsid.plant.units import OUTPUTS, RADIANS
 from gsid.spectrum.spectra import Spectra
 
 BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
@@ -79,7 +79,7 @@ def canonical_stack(
         fs_hz=model.fs_hz,
         effects=effects,
         output=model.output,
-        angle_unit=_angle_unit(model),
+        angle_unit=model.angle_unit,
         u_unit=model.u_unit,
     )
 
@@ -147,12 +147,6 @@ def _resonates(stack: Stack) -> bool:
     """Whether the body with its spring is damped less than critically."""
     stiffness = stack.get(SPRING, {"stiffness": 0.0})["stiffness"]
     return stack.get(DAMPING, {"rate": 0.0})["rate"] ** 2 < 4 * stiffness
-
-
-def _angle_unit(model: PlantModel) -> str:
-    """A travel in another unit, such as mm or V, is one of an axis that does not turn."""
-    unit = model.y_unit.partition("/")[0]
-    return "m" if unit and unit not in {*RADIANS, *TURNING} else model.angle_unit
 
 
 def _merge(stack: Stack, mode: dict[str, float]) -> None:

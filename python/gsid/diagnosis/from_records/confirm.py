@@ -29,6 +29,16 @@ from gsid.spectrum.spectra import Spectra
 LINEAR_PART = "the linear part"  # name of a fit without a law
 
 
+def name_of(effects: Sequence[str]) -> str:
+    """A law, or the linear part, as a user reads it.
+
+    Parameters
+    ----------
+    effects : sequence of str
+    """
+    return " and ".join(effects) or LINEAR_PART
+
+
 @dataclass(frozen=True, eq=False)
 class Simulated:
     """A law, or none, with the linear part, fitted by simulation.
@@ -63,6 +73,11 @@ class Simulated:
     stalled: bool = False
     weighed: float | None = None
     left_out: tuple[np.ndarray, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """The law as a user reads it."""
+        return name_of(self.effects)
 
     @property
     def cost(self) -> float:
@@ -127,7 +142,7 @@ class Simulations:
         to_beat : float, optional
             Cost of the winner: a fit that cannot reach it is given up.
         """
-        name = " and ".join(effects) or LINEAR_PART
+        name = name_of(effects)
         if not self._may_begin(name):
             return None
         model = self.completed(model)
@@ -157,7 +172,7 @@ class Simulations:
         ----------
         one : Simulated
         """
-        self.on_step(f"finishing the fit of {' and '.join(one.effects) or LINEAR_PART}")
+        self.on_step(f"finishing the fit of {one.name}")
         deadline = self.deadline.bounded(self.settings.moves_of_fit)
         try:
             fit, stalled = self._in_slices(one.model, None, deadline)

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import InputError
-from gsid.diagnosis.from_records.canonical import (
-    resonant_stack,
-)
+from gsid.diagnosis.from_records.canonical import resonant_stack
 from gsid.diagnosis.from_records.draft import Draft, draft
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.verdict import (
-    UNKNOWN,
-    Decision,
-    by_first_stage,
-)
+from gsid.diagnosis.from_records.verdict import UNKNOWN, Decision, by_first_stage
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import is_open, read_as
 
@@ -42,12 +36,16 @@ def _take(run: Run) -> None:
 
 
 def give_up(run: Run) -> None:
-    """The time was over before the first draft.
+    """The time was over before the first draft; one that exists stays, with its verdict.
 
     Parameters
     ----------
     run : Run
     """
+    if run.draft is not None:
+        run.cut = True
+        run.not_tried["further steps"] = "the time was over"
+        return
     what = "a linear structure was found" if run.stack is None else "the first draft"
     run.not_tried["laws of the catalogue"] = "the time was over before the first draft"
     run.decision = Decision(UNKNOWN, (), (f"The time was over before {what}.",))

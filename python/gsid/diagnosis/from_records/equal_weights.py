@@ -45,7 +45,5 @@ def _fit_with_equal_weights(run: Run) -> bool:
         return False
     if not fit.converged and run.deadline.is_used_up:
         return False  # it was cut: its values lie between those of two criteria
-    other = replace(run.final, fit=fit)
-    run.laws = [other if one is run.final else one for one in run.laws]
-    run.final = other
+    run.replace_final(replace(run.final, fit=fit))
     return True

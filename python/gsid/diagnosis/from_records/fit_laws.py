@@ -130,8 +130,7 @@ def _finish_best(run: Run, fits: Simulations) -> None:
     noise = best.fit.n_dof
     if best.cost - noise > run.settings.less_left * max(run.null.cost - noise, 0.0):
         return
-    finished = fits.finished(best)
-    run.laws = [finished if one is best else one for one in run.laws]
+    run.replace_final(fits.finished(best))
     run.decide()
 
 

@@ -87,7 +87,7 @@ def take_likelier_hold(run: Run) -> None:
     if shown is run.null:
         run.null = swapped
     else:
-        run.laws, run.final = [swapped if one is shown else one for one in run.laws], swapped
+        run.replace_final(swapped)
     run.measured, run.hold = _read(run, other_hold), other_hold
 
 

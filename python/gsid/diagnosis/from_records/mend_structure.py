@@ -6,15 +6,11 @@ import numpy as np
 
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import (
-    insignificant,
-)
+from gsid.diagnosis.from_records.canonical import insignificant
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, without_laws
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.verdict import (
-    MISSING,
-)
+from gsid.diagnosis.from_records.verdict import MISSING
 from gsid.plant.linear_response import BACKLASH
 from gsid.structure.start import start
 
@@ -31,10 +27,8 @@ def mend_structure(run: Run) -> None:
     """
     if run.decision.verdict != MISSING or run.start is None or run.final is None or run.loop:
         return
-    if (
-        is_linear(run.decision.effects[0]) or BACKLASH in run.decision.effects
-    ):  # play was fitted beside its own
-        return
+    if is_linear(run.decision.effects[0]) or BACKLASH in run.decision.effects:
+        return  # play was fitted beside its own structures
     with run.timed("structure beside the law"):
         if run.evidence().is_adequate(run.final):
             _drop_zeros(run)
@@ -52,7 +46,7 @@ def _drop_zeros(run: Run) -> None:
         if smaller is None:
             return
         if smaller.cost - run.final.cost < run.settings.needed:
-            run.final = smaller
+            run.replace_final(smaller)
 
 
 def _mended(run: Run) -> bool:
@@ -72,5 +66,6 @@ def _mended(run: Run) -> bool:
     fitted = fits.fit(model, run.final.effects)
     if fitted is None or run.evidence().is_worse(fitted, run.final):
         return False
-    run.start, run.final = found, fitted
+    run.start = found
+    run.replace_final(fitted)
     return True

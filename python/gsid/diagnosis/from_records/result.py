@@ -14,7 +14,7 @@ from gsid.diagnosis.from_records.probability import Probabilities
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
-from gsid.plant.model import PlantModel, transport_delay_s
+from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
 LIKE_TRIALS = "in trials like those of docs/explanation/from_records.md"
@@ -121,8 +121,10 @@ class Diagnosis(Plottable):
     next_experiment : str
         An experiment that would distinguish the members of a group; empty if each group has one member.
     other_delay_s : float or None
-        The model's delay [s] under the other assumption of the hold; None where the hold is stated or there
-        is no delay, and without a given model.
+        Delay [s] under the other assumption of the hold, with all effects found; from records alone also with
+        the nearest. None where the hold is stated or there is no delay.
+    delay_hold_uncertainty_s : float or None
+        Difference of this delay between the two assumptions [s].
     remarks : list of str
         What was not named because of the hold, and what more is left.
     basis : Basis or None
@@ -163,6 +165,7 @@ class Diagnosis(Plottable):
     ripple: Ripple | None = None
     next_experiment: str = ""
     other_delay_s: float | None = None
+    delay_hold_uncertainty_s: float | None = None
     remarks: list[str] = field(default_factory=list)
     basis: Basis | None = None
     probabilities: Probabilities | None = None
@@ -237,13 +240,6 @@ class Diagnosis(Plottable):
         if self.unexplained_share == 0:
             return ", only noise is left"
         return f", not explained: {_percent(self.unexplained_share)} of the misfit"
-
-    @property
-    def delay_hold_uncertainty_s(self) -> float | None:
-        """Difference of the delay between the two assumptions of the hold [s]; None if it is not known."""
-        if self.other_delay_s is None or self.model is None:
-            return None
-        return abs(transport_delay_s(self.model) - self.other_delay_s)
 
     def torque_residual(self) -> TorqueResidual:
         """Torque missing from the linear part, against rate, angle, command and time.

@@ -151,9 +151,18 @@ class Rounds:
             self.joint = most.final if self.near else None
 
     def _keep(self, review: Review) -> None:
-        """Keep the effects of a review, with the fit of those that are named."""
         self.kept, self.near = review.kept, review.near
-        last, final = self.kept[-1], review.final
+        self.fit_named(review.final)
+
+    def fit_named(self, final: Simulated) -> None:
+        """The fit of the effects that are named, without those that are only the nearest; in place.
+
+        Parameters
+        ----------
+        final : Simulated
+            With all of them.
+        """
+        last = self.kept[-1]
         if self.near:
             self.joint = final
             work = self.first.deadline.bounded(self.settings.moves_of_fit)  # the rounds used theirs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -12,11 +12,7 @@ from scipy import special
 
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records.basis import Basis, basis_of
-from gsid.diagnosis.from_records.canonical import (
-    LAGS,
-    SPRING,
-    pruned,
-)
+from gsid.diagnosis.from_records.canonical import LAGS, SPRING, pruned
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, is_linear
 from gsid.diagnosis.from_records.evidence import Evidence, may_be_noise, n_parameters
@@ -201,6 +197,16 @@ class Run:
         needed = n_parameters(best) * np.log(best.fit.n_dof) + self.settings.chance
         return bool(self.null.cost - best.cost > needed)
 
+    def replace_final(self, better: Simulated) -> None:
+        """Put another fit of the best law in its place, also among the laws.
+
+        Parameters
+        ----------
+        better : Simulated
+        """
+        self.laws = [better if one is self.final else one for one in self.laws]
+        self.final = better
+
     def decide(self) -> None:
         """The verdict from the fits so far."""
         evidence = self.evidence().weighed()
@@ -213,9 +219,9 @@ class Run:
             )
             self.decision = Decision(UNKNOWN, (), (reason,), self.decision.unexplained_share)
 
-    def evidence(self, laws: Sequence[Simulated] | None = None) -> Evidence:
+    def evidence(self) -> Evidence:
         """What the verdict is made from."""
         drafted, first = self.draft.stage.conclusion, self.draft.stage.ranking[0].effects[0]
         all_linear = self.start is None and not any(is_linear(effect) for effect in self.without)
         rivals = drafted.beaten_by, self.settings, drafted.taken_over_by, all_linear
-        return Evidence(self.null, laws or self.laws, *rivals, beaten=first)
+        return Evidence(self.null, self.laws, *rivals, beaten=first)

@@ -34,6 +34,8 @@ def check_series(rounds: Rounds) -> None:
         names = " and ".join(one.decision.effects[0] for one in laws)
         for one in laws:
             _make_nearest(rounds, one, f"What {names} explain together is a linear effect.", final)
+    if rounds.has_series and rounds.kept:
+        rounds.fit_named(final)
 
 
 def _make_nearest(rounds: Rounds, one: Run, reason: str, final: Simulated) -> None:

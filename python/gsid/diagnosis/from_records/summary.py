@@ -73,7 +73,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         cost_per_dof_after=_cost_per_dof(final if kept else joint) or _after(run, null),
         p_value=run.noise_p_value if run.null else None,
         assumed=_assumed(run),
-        not_tried=_not_tried(run),
+        not_tried=_not_tried(run, [*kept, *near]),
         seconds=run.seconds,
         hold=run.hold,
         hold_assumed=run.hold_assumed,
@@ -85,6 +85,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.null else None,
+        delay_hold_uncertainty_s=_fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
         remarks=[*run.notes, *_unsettled(final or run.null)],
         basis=basis,
         probabilities=known,
@@ -142,7 +143,7 @@ def _with_probabilities(
 
 def _of_all(run: Run, kept: Sequence[Run], near: Sequence[Run]) -> Decision:
     """Verdict of several effects: each is missing."""
-    final, evidence = kept[-1].final, run.evidence(run.laws)
+    final, evidence = kept[-1].final, run.evidence()
     if final is None or len(kept) + len(near) == 1:
         return kept[0].decision
     left = 1 - evidence.share(final) if evidence.excess(run.null) > 0 else None
@@ -151,7 +152,7 @@ def _of_all(run: Run, kept: Sequence[Run], near: Sequence[Run]) -> Decision:
 
 def _of_near(run: Run, near: Sequence[Run], joint: Simulated) -> Decision:
     """Verdict of effects that are missing together, none of which is named."""
-    evidence = run.evidence(run.laws)
+    evidence = run.evidence()
     left = 1 - evidence.share(joint) if evidence.excess(run.null) > 0 else None
     return Decision(NEAREST, near[0].decision.effects, _against(near), left)
 
@@ -169,9 +170,12 @@ def _nearest(decision: Decision, near: Sequence[Run]) -> list[tuple[str, ...]]:
     return [one.decision.effects for one in near]
 
 
-def _not_tried(run: Run) -> dict[str, str]:
+def _not_tried(run: Run, found: Sequence[Run]) -> dict[str, str]:
+    """Why effects were not tried, without those of which one fit of several succeeded."""
     of_stage = run.draft.stage.not_tried if run.draft else {}
-    return {effect: why for effect, why in of_stage.items() if effect not in run.tried} | run.not_tried
+    missing = {effect: why for effect, why in of_stage.items() if effect not in run.tried} | run.not_tried
+    fitted = {one.name for each in (run, *found) for one in (each.null, *each.laws) if one is not None}
+    return {name: why for name, why in missing.items() if name not in fitted}
 
 
 def _fit_shown(run: Run, kept: Sequence[Run]) -> PlantFit:
