@@ -38,7 +38,7 @@ def test_the_python_program(run, root, tmp_path):
 @pytest.mark.long
 def test_the_run_over_a_serial_line(run, root, tmp_path):
     script = re.sub(
-        r"^gsid ", f"{shlex.quote(str(root / '.venv/bin/gsid'))} ", blocks(root, "sh")[1], flags=re.M
+        r"^gsid ", f"{shlex.quote(str(root / '.venv/bin/gsid'))} ", blocks(root, "sh")[2], flags=re.M
     )
     wait_for_port = "until [ -e axis ]; do sleep 0.1; done\n"  # a person's fingers are slower than the start
     first, rest = script.split("\n", 1)
