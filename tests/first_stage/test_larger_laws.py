@@ -105,8 +105,8 @@ def test_no_shape_is_clearly_better_where_the_friction_is_coulomb(fits, noise):
     ],
 )
 def test_limits_of_what_is_worth_a_fit(monkeypatch, rise, difference, cost_per_dof, worth):
-    def best_shape(self, law, most, accepts):
-        return law.effect.id if rise <= most and accepts(rise, difference) else None
+    def best_shape(self, law, accepts):
+        return law.effect.id if rise <= DEFAULTS.worse and accepts(rise, difference) else None
 
     monkeypatch.setattr(_Profile, "__init__", lambda *_: None)
     monkeypatch.setattr(_Profile, "best_shape", best_shape)
@@ -167,7 +167,7 @@ def test_bug_a_slow_axis_has_no_shape_of_a_stribeck_friction():
     law, scan = catalogue.law(find("stribeck_friction")), SimpleNamespace(freed=lambda x: x)
     scan.fit = SimpleNamespace(error=None)
     assert len(law.points(scales)) == 0
-    assert _Profile.best_shape(SimpleNamespace(scales=scales), law, DEFAULTS.worse, lambda *_: True) is None
+    assert _Profile.best_shape(SimpleNamespace(scales=scales), law, lambda *_: True) is None
     assert effect_starts._limits(law, scales) == {}
     assert effect_starts._on_grid(scan, law, scales) == []
 

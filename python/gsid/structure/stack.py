@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.effects.ids import LAGS
 from gsid.structure.covariance import Estimate
 from gsid.structure.elements import INTEGRATIONS
 
 ABOVE = 4.0
 """Frequency of the mode that stands for all modes above the band, over the highest line."""
 ABOVE_ZETA = 0.05
-LAG_EFFECTS = ("sensor_lag", "motor_lag")
-"""The data do not distinguish them; the first lag is given to the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ def as_stack(estimate: Estimate, f_max_hz: float) -> Stack:
         add(label, "zeta", ABOVE_ZETA, None)
         add(label, "residue", residue * w2, {index: by * w2 for index, by in slope.items()})
     at += 2 * structure.n_modes
-    for j, effect in enumerate(LAG_EFFECTS[: structure.n_lags]):
+    for j, effect in enumerate(LAGS[: structure.n_lags]):
         add(effect, "time_constant_s", values.lags[j], {at + j: values.lags[j]})
     if values.delay_s > 0:
         add("transport_delay", "delay_s", values.delay_s, {n_theta - 1: 1.0})

@@ -12,14 +12,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.effects.ids import BODY, DAMPING, DELAY, LAGS, MODE, SPRING
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.plant.units import OUTPUTS, RADIANS
 from gsid.spectrum.spectra import Spectra
-
-BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
-MODE, DELAY = "flexible_mode", "transport_delay"
-LAGS = ("sensor_lag", "motor_lag")
 
 Stack = dict[str, dict[str, float]]
 

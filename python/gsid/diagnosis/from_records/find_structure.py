@@ -26,7 +26,7 @@ from gsid.effects.types import catalogue
 from gsid.greybox.fit import fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import has_common_zero
-from gsid.plant.model import PlantModel, check_plant
+from gsid.plant.model import PlantModel
 from gsid.plant.units import TRAVELS, check_plant_units
 from gsid.records.clipping import clipped_text
 from gsid.records.record import Record
@@ -136,7 +136,6 @@ def _keep_resonances(run: Run) -> None:
 
 def _take(run: Run, model: PlantModel) -> None:
     """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
-    check_plant(model)
     for one in run.measured:
         check_plant_units(model, one)
     if not model.free_names:

@@ -121,7 +121,7 @@ def _fingerprint(found: Diagnosis, law: RankedLaw) -> Fingerprint | None:
     try:
         part = without(model, law.effects[:1])
         measured, by_law = missing_torque(model, part, found.measured[:RECORDS], found.band)
-    except (GsidError, InputError, StopIteration):
+    except (GsidError, InputError):
         return None
     curves = list(zip(measured.curves[:3], by_law.curves[:3], strict=True))
     best = max(curves, key=lambda pair: pair[1].explained)

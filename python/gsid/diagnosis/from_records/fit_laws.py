@@ -8,9 +8,6 @@ import numpy as np
 
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import (
-    SPRING,
-)
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
@@ -19,16 +16,14 @@ from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
-from gsid.diagnosis.from_records.stop_edges import STOP, shifted_stop
+from gsid.diagnosis.from_records.stop_edges import shifted_stop
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.from_records.working_point import (
-    BIAS,
-    CUBIC,
-    UNBALANCE,
     cubic_in_place_of_cogging,
     cubic_in_place_of_unbalance,
     unbalance_in_place_of_cubic,
 )
+from gsid.effects.ids import BIAS, CUBIC, SPRING, STOP, UNBALANCE
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -114,7 +109,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
         _finish_best(run, fits)
         _try_larger(run, fits)
         _fit_null_again(run, fits)
-    is_noise = run.null is not None and run.noise_p_value >= run.alpha
+    is_noise = run.noise_p_value >= run.alpha
     if run.given and run.laws and is_noise and not run.is_significant:
         run.decision, run.final = Decision(ADEQUATE), None
 

@@ -153,7 +153,7 @@ def not_excluded(
         Larger laws that are not considered.
     settings : DecisionSettings
     """
-    return _best_shapes(fit, effect, left_out, settings, settings.worse, _differs(settings))
+    return _best_shapes(fit, effect, left_out, settings, _differs(settings))
 
 
 def worth_a_fit(
@@ -173,7 +173,7 @@ def worth_a_fit(
     def is_start(rise: float, difference: float) -> bool:
         return differs(rise, difference) or (rise < clear and difference > 0)
 
-    return _best_shapes(fit, effect, left_out, settings, settings.worse, is_start)
+    return _best_shapes(fit, effect, left_out, settings, is_start)
 
 
 def _differs(settings: DecisionSettings) -> Accepts:
@@ -185,17 +185,16 @@ def _best_shapes(
     effect: str,
     left_out: set[str],
     settings: DecisionSettings,
-    most: float,
     accepts: Accepts,
 ) -> list[LargerLaw]:
-    """The best shape of each larger law, with the largest rise of the cost."""
+    """The best shape of each larger law."""
     larger = [
         each
         for each in effect_types().values()
         if each.simpler == effect and each.id not in left_out and not each.not_searched
     ]
     profile = _Profile(fit, effect, settings) if larger else None
-    found = [profile.best_shape(catalogue.law(each), most, accepts) for each in larger]
+    found = [profile.best_shape(catalogue.law(each), accepts) for each in larger]
     return [one for one in found if one is not None]
 
 
@@ -220,14 +219,12 @@ class _Profile:
         self.torque = self._torque(law, shape, c)
         self.left = fit.residual - self._columns(law, shape[None, :])[0] @ c  # without the law
 
-    def best_shape(self, law: Law, most: float, accepts: Accepts) -> LargerLaw | None:
+    def best_shape(self, law: Law, accepts: Accepts) -> LargerLaw | None:
         """The shape of a law that fits best of those that are accepted; None if there is none.
 
         Parameters
         ----------
         law : Law
-        most : float
-            Largest rise of the cost.
         accepts : callable
             Whether a shape with this rise and this difference (see `LargerLaw`) may be the one.
         """
@@ -238,7 +235,7 @@ class _Profile:
             for c in self._within_reach(law, columns):
                 error = self.left + columns @ c
                 rise = float(error @ error - self.fit.cost)
-                if rise > (most if best is None else best[0]):
+                if rise > (self.settings.worse if best is None else best[0]):
                     continue
                 difference = self._difference(self._torque(law, shape, c))
                 if accepts(rise, difference):

@@ -13,12 +13,12 @@ import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import MODE
 from gsid.diagnosis.joint_bias import NOISE_LEFT
 from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.effects.ids import BODY, MODE
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -44,7 +44,7 @@ def may_have_play(model: PlantModel) -> bool:
     model : PlantModel
     """
     effects = {effect.id for effect in model.effects}
-    return "rigid_body" in effects and BACKLASH not in effects
+    return BODY in effects and BACKLASH not in effects
 
 
 def fit_play(

@@ -5,17 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gsid.diagnosis.from_records.canonical import (
-    BODY,
-    DAMPING,
-    LAGS,
-    MODE,
-    SPRING,
-    beside_body,
-    canonical_stack,
-    with_mode_as_body,
-)
+from gsid.diagnosis.from_records.canonical import beside_body, canonical_stack, with_mode_as_body
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.effects.ids import BODY, DAMPING, LAGS, MODE, SPRING
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 

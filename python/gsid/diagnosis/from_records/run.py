@@ -12,7 +12,7 @@ from scipy import special
 
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records.basis import Basis, basis_of
-from gsid.diagnosis.from_records.canonical import LAGS, SPRING, pruned
+from gsid.diagnosis.from_records.canonical import pruned
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, is_linear
 from gsid.diagnosis.from_records.evidence import Evidence, may_be_noise, n_parameters
@@ -22,6 +22,7 @@ from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.steps import Steps
 from gsid.diagnosis.from_records.verdict import ADEQUATE, UNKNOWN, Decision, decide
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits
+from gsid.effects.ids import LAGS, SPRING
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra

@@ -12,21 +12,16 @@ import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import BODY, canonical_stack
+from gsid.diagnosis.from_records.canonical import canonical_stack
 from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
 from gsid.diagnosis.from_records.play_structures import is_same_structure, with_values_of
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.stop_edges import (
-    BIAS,
-    STOP,
-    at_high_level,
-    edges_along_motion,
-    nearest_start,
-)
+from gsid.diagnosis.from_records.stop_edges import at_high_level, edges_along_motion, nearest_start
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.effects.ids import BIAS, BODY, STOP
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start

@@ -14,16 +14,15 @@ from scipy import optimize
 
 from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
-from gsid.diagnosis.from_records.canonical import SPRING
 from gsid.diagnosis.missing_torque.linear_fit import torque_columns
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.effects.ids import BIAS, SPRING, STOP
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
-STOP, BIAS = "hard_stop", "torque_bias"
 LOUD = 0.8  # least input of a record of the high level, relative to the largest
 WIDENED = (0.0, 0.05, 0.1, 0.2, 0.4)  # shares of the distance of the edges by which one may lie further out
 NEAR = 2.0  # largest distance of a simulation from the records, over the least: other orbits are far off
@@ -65,7 +64,7 @@ def shifted_stop(
     loud, _ = at_high_level(measured)
     problem = Problem(linear, loud, band, DEFAULTS, deadline)
     edges = edges_along_motion(problem, linear_part(linear), most_left=1.0)
-    return nearest_start(linear, edges, loud, deadline) if edges is not None and edges.stiffness > 0 else None
+    return nearest_start(linear, edges, loud, deadline) if edges is not None else None
 
 
 @dataclass(frozen=True)

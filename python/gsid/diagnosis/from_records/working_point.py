@@ -11,13 +11,10 @@ import math
 
 import numpy as np
 
-from gsid.diagnosis.from_records.canonical import SPRING
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.effects.ids import BIAS, COGGING, CUBIC, SPRING, UNBALANCE
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
-
-COGGING, UNBALANCE = "motor_cogging", "mass_unbalance"
-CUBIC, BIAS = "cubic_spring", "torque_bias"
 
 
 def cubic_in_place_of_cogging(fitted: Simulated) -> PlantModel | None:

@@ -17,11 +17,10 @@ from gsid.diagnosis.missing_torque.problem import (
     linear_kind,
     split,
 )
+from gsid.effects.ids import BODY, DAMPING, LAGS, SPRING
 
 DELAY = "transport_delay.delay_s"
 KnownFits = dict[tuple, "LinearFit"]  # by the hold of the records and the start
-BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
-LAGS = ("sensor_lag", "motor_lag")
 SAME_COST = 0.01  # relative difference of two costs that is no reason for a slow lag
 ALIKE = 1e-6  # power of a column beside the tangent, over its own, below which it is one of the tangent
 SHAPE_STEP = 1e-3  # relative step of the derivative by a shape: reversals lie between samples
