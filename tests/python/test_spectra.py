@@ -10,7 +10,7 @@ from gsid.base.errors import InputError
 from gsid.records import periods
 from gsid.records.record import Record
 from gsid.spectrum.line_test import exponential_score
-from gsid.spectrum.lines import covariance, period_lines, variance_between_lines
+from gsid.spectrum.lines import bins_between_lines, covariance, period_lines, variance_between_lines
 from gsid.spectrum.realisation import realisations, spectra, spectra_of
 
 N, P, SEED = 600, 4, 41
@@ -75,6 +75,12 @@ def test_bug_falling_noise_was_underestimated_with_an_even_number_of_periods(n_p
     print(f"seed {SEED}: mean score {mean:.3f} with {n_periods} periods")
     # 11400 scores of standard deviation 1: 0.028 are three standard errors.
     assert abs(mean - 1) < 0.028
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_single_period_has_no_bins_between_its_lines():
+    lines = period_lines(np.arange(N, dtype=float)[None], np.arange(N // 2 + 1, dtype=np.uint32), 0)
+    assert bins_between_lines(lines, N, 0).shape == (N // 2 + 1, 0)
 
 
 def test_the_digest_is_of_the_measurement():

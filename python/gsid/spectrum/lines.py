@@ -132,9 +132,10 @@ def bins_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) ->
     real = np.arange(n_lines) * 2 % n_period == 0
     scale[real] /= 2
     noise = whole[bins % len(whole)] * scale[:, None]
-    share = np.ones(n_lines)
-    share[~real] = at_lines_over_between(np.mean(np.abs(noise[~real]) ** 2, axis=1), around / n_periods)
-    return noise * np.sqrt(share)[:, None]
+    if n_periods > 1:
+        power = np.mean(np.abs(noise[~real]) ** 2, axis=1)
+        noise[~real] *= np.sqrt(at_lines_over_between(power, around / n_periods))[:, None]
+    return noise
 
 
 def at_lines_over_between(power: np.ndarray, around: np.ndarray) -> np.ndarray:
