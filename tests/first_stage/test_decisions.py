@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trials
 
-from gsid.diagnosis.from_records import canonical, summary
+from gsid.diagnosis.from_records import summary
 from gsid.diagnosis.from_records.draft import with_stack
 from gsid.diagnosis.from_records.loop import identified_loop
 from gsid.diagnosis.from_records.run import Run
@@ -16,6 +16,7 @@ from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
 from gsid.diagnosis.missing_torque import stage
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.model import PlantModel
+from gsid.plant.units import angle_unit_of
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 
@@ -114,8 +115,7 @@ UNITS = {"deg/s": "deg", "mrad": "deg", "rev/s": "deg", "mm": "m", "V": "m", "":
 @pytest.mark.parametrize(("unit", "angle_unit"), UNITS.items())
 def test_bug_an_angle_in_mrad_was_a_travel(unit, angle_unit):
     """Of an axis that does not turn: cogging and unbalance were not searched."""
-    axis = SimpleNamespace(y_unit=unit, angle_unit="deg")
-    assert canonical._angle_unit(axis) == angle_unit
+    assert angle_unit_of(unit) == angle_unit
 
 
 def test_bug_lost_samples_of_a_closed_loop_spoiled_its_controller():

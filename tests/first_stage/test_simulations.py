@@ -12,6 +12,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import fit_laws, summary
 from gsid.diagnosis.from_records.confirm import LINEAR_PART
+from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.greybox import fit as greybox_fit
 
@@ -33,6 +34,7 @@ def test_the_best_law_is_finished_if_it_explains_most_and_was_cut_short(change, 
         final=best, laws=[rival, best], null=SimpleNamespace(cost=1100.0), settings=DEFAULTS
     )
     run.deadline, run.decide = Deadline(), lambda: None
+    run.replace_final = lambda better: Run.replace_final(run, better)
     fit_laws._finish_best(run, fits)
     assert run.laws == [rival, finished if is_finished else best]
     assert (run.laws[1] is finished) is is_finished
@@ -46,7 +48,7 @@ def test_the_laws_of_the_short_list_end_with_the_best_one_finished(monkeypatch):
     def decide():
         run.final = run.laws[0]
 
-    run.decide = decide
+    run.decide, run.replace_final = decide, lambda better: Run.replace_final(run, better)
     for further in ("_add_bias", "_try_larger", "_fit_null_again"):
         monkeypatch.setattr(fit_laws, further, lambda run, fits: None)
     fits = SimpleNamespace(fit=lambda *_: best, finished=lambda one: finished)
@@ -58,7 +60,9 @@ def test_the_laws_of_the_short_list_end_with_the_best_one_finished(monkeypatch):
 @pytest.mark.parametrize(("cost", "is_taken"), [(9.0, True), (11.0, False), (OutOfTime(""), False)])
 def test_a_fit_is_finished_with_work_of_its_own(monkeypatch, cost, is_taken):
     """Bug: a stop that left only noise was unknown, because its rivals had used up the work of its fit."""
-    before = SimpleNamespace(effects=("hard_stop",), model="a model", fit=SimpleNamespace(cost=10.0))
+    before = SimpleNamespace(
+        effects=("hard_stop",), name="hard_stop", model="a model", fit=SimpleNamespace(cost=10.0)
+    )
     deadline = Deadline().bounded(0.0)  # used up by the fits so far
     fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
 

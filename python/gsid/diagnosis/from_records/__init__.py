@@ -5,5 +5,6 @@
 the law (mend_structure.py), its values with equal weights (equal_weights.py), and further effects of a given
 model (rounds.py). canonical.py makes the stack on which laws are judged, draft.py repeats the first stage
 until its best law is not a linear one, confirm.py fits a law by simulation, evidence.py compares the fits,
-and verdict.py decides whether a law is confirmed. The constants stand in settings.py.
+and verdict.py decides whether a law is confirmed. The limits of the decision stand in settings.py, those of a
+single step at the top of its module.
 """
