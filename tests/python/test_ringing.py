@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from gsid.diagnosis.from_records.ringing_lines import _rings
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.greybox.weights import pooled_variance
 from gsid.spectrum.lines import bins_between_lines, lines_of
 from gsid.spectrum.ringing import bin_power, noise_ratio
 from gsid.spectrum.spectra import Spectra
@@ -49,6 +52,36 @@ def test_a_wide_resonance_leaves_the_ratio_at_one():
     white = np.random.default_rng(1).normal(size=(P, N))
     ratio = noise_ratio(spectra_of_periods(white), np.arange(1, 100), 20.0, 300.0)
     np.testing.assert_allclose(ratio, 1, atol=0.01)
+
+
+@pytest.mark.parametrize("is_white", [False, True])
+def test_bug_a_peak_of_the_noise_was_spread_over_its_neighbours(is_white):
+    """A cogging was nearest in place of a lag (seed 110034, single 34): it explained the noise of one line.
+
+    The noise of the line is 3.3 times that between the lines, which is three times the mean over neighbours.
+    """
+    seed, f_hz, decay_per_s = 20261128, 6.0, 0.485
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(20, P * N)) if is_white else ringing_noise(rng, f_hz, decay_per_s, 20)
+    records = [spectra_of_periods(one.reshape(P, N)) for one in noise]
+    stack = {"flexible_mode": {"f_hz": f_hz, "zeta": decay_per_s / (2 * np.pi * f_hz), "residue": 1.0}}
+    assert noise_ratio(records[0], np.array([12]), f_hz, decay_per_s)[0] < DEFAULTS.ringing
+    found = []
+    for i in range(0, 20, 2):  # two records of one level
+        pair = records[i : i + 2]
+        taken = pooled_variance(pair)
+        found += [
+            _rings(one, variance, stack, DEFAULTS) for one, (variance, _) in zip(pair, taken, strict=True)
+        ]
+    lines = np.flatnonzero(np.sum(found, axis=0))
+    share = np.mean(found, axis=0)[12]
+    print("lines", lines, "share of the records", share)
+    if is_white:
+        assert share <= 0.4
+    else:
+        assert share >= 0.9
+        assert lines.tolist() == [12]
 
 
 def test_an_oscillation_without_decay_has_all_its_power_in_one_bin():

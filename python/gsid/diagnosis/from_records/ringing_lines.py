@@ -1,4 +1,4 @@
-"""Lines on which noise rings with a resonance of the axis for longer than the record: they are left out."""
+"""Lines on which noise rings with a narrow resonance of the axis: they are left out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.problem import linear_kind
+from gsid.greybox.weights import pooled_variance
 from gsid.spectrum.ringing import noise_ratio
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.start import start
@@ -38,10 +40,9 @@ def leave_out_ringing_lines(run: Run) -> bool:
     """
     if run.loop is not None or run.stack.has_controller or run.draft.stage.conclusion.kind == "none":
         return False
-    if not any(_ringing(one, run.draft.stage.linear, run.settings.ringing).any() for one in run.measured):
+    if not any(mask.any() for mask in _ringing(run, run.draft.stage.linear)):
         return False
-    stack = _structure(run)
-    masks = [_ringing(one, stack, run.settings.ringing) for one in run.measured]
+    masks = _ringing(run, _structure(run))
     if not any(mask.any() for mask in masks):
         return False
     run.measured, run.judged = (
@@ -61,7 +62,7 @@ def _note(measured: list[Spectra], masks: list[np.ndarray]) -> str:
     f_hz = sorted({float(f) for one, mask in zip(measured, masks, strict=True) for f in one.f_hz[mask]})
     where = ", ".join(f"{f:.4g}" for f in f_hz)
     lines = f"The line at {where} Hz is" if len(f_hz) == 1 else f"The lines at {where} Hz are"
-    why = "noise rings there with a resonance of the axis for longer than a record, and its size is unknown"
+    why = "noise rings there with a narrow resonance of the axis, and its size is not known"
     return f"{lines} left out: {why}."
 
 
@@ -76,12 +77,26 @@ def _structure(run: Run) -> Stack:
     return found.effects if found.has_model else {}
 
 
-def _ringing(one: Spectra, stack: Stack, most: float) -> np.ndarray:
-    """Lines on which the noise may be more than so many times that between the lines, (K,) bool."""
+def _ringing(run: Run, stack: Stack) -> list[np.ndarray]:
+    """Lines of each record on which the noise may be many times what the fits take for it, (K,) bool.
+
+    They take the mean over neighbouring lines. Where the noise between the lines has the peak of the
+    resonance, it is above that mean, and the noise of the line is still above the noise between the lines.
+    """
+    taken = pooled_variance(run.measured)
+    return [
+        _rings(one, variance, stack, run.settings)
+        for one, (variance, _) in zip(run.measured, taken, strict=True)
+    ]
+
+
+def _rings(one: Spectra, variance: np.ndarray, stack: Stack, settings: DecisionSettings) -> np.ndarray:
     found = np.zeros(len(one.line), bool)
     for f_hz, decay_per_s in resonances(stack):
         near = np.flatnonzero(np.abs(one.f_hz - f_hz) < one.f_hz[1])
-        found[near] |= noise_ratio(one, near, f_hz, max(decay_per_s, SLOWEST)) > most
+        over_between = noise_ratio(one, near, f_hz, max(decay_per_s, SLOWEST))
+        peak = one.noise_y[near] / np.maximum(variance[near], np.finfo(float).tiny)
+        found[near] |= over_between * np.maximum(peak, 1.0) > settings.ringing
     return found
 
 

@@ -27,8 +27,8 @@ class DecisionSettings:
     less_left : float
         Largest share of this cost that the best law leaves beside the other stack.
     ringing : float
-        Noise of a line over that between the lines, if all of it excites a resonance of the axis, above which
-        the line is left out. Below it, such a line adds at most this to the cost of some hundred lines.
+        Noise of a line over what the fits take for it, if all of it excites a resonance of the axis, above
+        which the line is left out. Below it, such a line adds at most this to the cost of some hundred lines.
     loop_error : float
         Largest rms of the command that a controller found from reference and output leaves, over its rms:
         more is another controller.
