@@ -10,6 +10,7 @@ from test_from_records import linear_loop
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
+from gsid.diagnosis.from_records import find_structure as finding
 from gsid.diagnosis.from_records import mend_structure as mending
 from gsid.diagnosis.from_records import summary
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated
@@ -137,6 +138,15 @@ def test_bug_a_number_that_is_no_number_in_the_reference_was_a_numerical_error()
     r[2500] = np.nan
     with pytest.raises(InputError, match=r"not finite(.|\n)*sample 2500, r"):
         gsid.diagnose_records(replace(record, columns={"r": r}), reference="r")
+
+
+@pytest.mark.parametrize(("unit", "noted"), [("V", True), ("mm/s", False), ("", False)])
+def test_laws_of_turning_that_are_not_tried_are_named(unit, noted):
+    """Also with a model of `gsid start`: an output in V is that of an axis that does not turn."""
+    run = a_run(Decision(UNKNOWN))
+    run.measured, run.stack = [SimpleNamespace(y_unit=unit)], SimpleNamespace(angle_unit="m")
+    finding._note_laws_of_turning(run)
+    assert ("mass_unbalance" in run.not_tried) is noted
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,7 @@ def find_structure(
     if model is not None:
         with run.timed("given model"):
             _take(run, model)
+        _note_laws_of_turning(run)
         return
     with run.timed("linear structure"):
         run.on_step("finding the linear structure")
@@ -113,8 +114,8 @@ def _find_loop(run: Run, records: list[Record], reference: str) -> None:
 
 def _note_laws_of_turning(run: Run) -> None:
     """An axis whose output is neither an angle nor a travel may turn all the same."""
-    unit = run.start.measured.y_unit
-    if run.stack.angle_unit != "m" or unit.partition("/")[0] in TRAVELS:
+    unit = run.measured[0].y_unit
+    if run.stack.angle_unit != "m" or unit.partition("/")[0] in {"", *TRAVELS}:
         return
     why = f"y is in {unit}, which is no unit of an angle; --factor and --unit convert it"
     run.not_tried |= {effect.id: why for effect in catalogue().values() if effect.turns_only}
