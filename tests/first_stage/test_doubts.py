@@ -17,8 +17,8 @@ LINES = np.array([1, 2, 5, 9])  # every half hertz: 0.5, 1, 2.5 and 4.5 Hz
 BAND_HZ = (0.5, 190.0)
 
 
-def fit(*residuals, modes=(), spacings_hz=(0.5, 0.5), inputs=(0.0, 0.0)):
-    """A fit to two records with these residuals, and inputs that are the same on all lines."""
+def fit(*residuals, modes=(), spacings_hz=(0.5,) * 3, inputs=(0.0,) * 3):
+    """A fit to records with these residuals, and inputs that are the same on all lines."""
     effects = [Effect("rigid_body", {"gain": Param(1.0)}), *modes]
     records = [
         SimpleNamespace(
@@ -82,6 +82,16 @@ def test_bug_a_fan_was_named_a_mode(left, elsewhere, n_doubts):
     found = on_line(left, elsewhere)
     assert len(found) == n_doubts
     assert all("one line, 2.5 Hz, where it leaves 19 of 219 in 2 records" in one for one in found)
+
+
+@pytest.mark.parametrize(
+    ("effect", "records", "n_doubts"),
+    [("flexible_mode", 2, 1), ("flexible_mode", 3, 0), ("mass_unbalance", 2, 0), ("mass_unbalance", 1, 1)],
+)
+def test_a_line_of_few_records_is_no_evidence_for_a_law_of_many_parameters(effect, records, n_doubts):
+    """Two records have four numbers on a line: three parameters fit a fan there as well."""
+    found = on_line(0.0, 39.0, effect, records)
+    assert sum("is on one line" in one for one in found) == n_doubts
 
 
 def beside_response(inputs, nonlinear=0.0, effect="mass_unbalance"):

@@ -63,9 +63,23 @@ def without_disturbances(one: Spectra, tones: Sequence[Tone]) -> Spectra:
     t_s = np.arange(n * one.n_periods) / one.fs_hz
     samples = sum(tone.at(t_s) for tone in tones).reshape(one.n_periods, n)
     part = lines_of(samples) * phase_factors(one.line, one.settle_samples, n)
+    return without_lines_beside(replace(one, Y=one.Y - part), tones)
+
+
+def without_lines_beside(one: Spectra, tones: Sequence[Tone]) -> Spectra:
+    """Leave out the lines beside sines; all lines stay if no excited one would be left.
+
+    Parameters
+    ----------
+    one : Spectra
+    tones : sequence of Tone
+        Also those of other records of the same axis.
+    """
     beside = _beside(one, tones)
+    if not np.any(one.excited & ~beside):
+        return one
     left_out = beside if one.left_out is None else beside | one.left_out
-    return replace(one, Y=one.Y - part, left_out=left_out, excited=one.excited & ~beside)
+    return replace(one, left_out=left_out, excited=one.excited & ~beside)
 
 
 def _repeats(u: np.ndarray) -> bool:

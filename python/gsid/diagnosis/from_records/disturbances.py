@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gsid.diagnosis.from_records.ringing_lines import resonances
 from gsid.diagnosis.from_records.run import Run
-from gsid.spectrum.disturbances import find_disturbances, without_disturbances
+from gsid.spectrum.disturbances import find_disturbances, without_disturbances, without_lines_beside
 from gsid.spectrum.spectra import Spectra
 from gsid.spectrum.tones import Tone
 
@@ -14,6 +14,9 @@ NEAR = 0.35  # distance from a resonance over its frequency: that of a given mod
 
 def subtract_disturbances(run: Run) -> None:
     """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
+
+    A fan runs in all records, though it may not show between the lines of each: what one record shows is left
+    out beside it in all of them.
 
     Parameters
     ----------
@@ -25,12 +28,16 @@ def subtract_disturbances(run: Run) -> None:
     found = [[tone for tone in find_disturbances(one) if not _rings(run, one, tone)] for one in run.measured]
     if not any(found):
         return
+    of_all = [tone for tones in found for tone in tones]
     run.measured, run.judged = (
-        [without_disturbances(one, tones) for one, tones in zip(records, found, strict=True)]
+        [
+            without_lines_beside(without_disturbances(one, tones), of_all)
+            for one, tones in zip(records, found, strict=True)
+        ]
         for records in (run.measured, run.judged)
     )
     run.known_fits = {}
-    run.notes.append(_note([tone for tones in found for tone in tones], run.measured[0]))
+    run.notes.append(_note(of_all, run.measured[0]))
 
 
 def _rings(run: Run, one: Spectra, tone: Tone) -> bool:

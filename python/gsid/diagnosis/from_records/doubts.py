@@ -24,6 +24,7 @@ from gsid.plant.model import PlantModel
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
 MANY_SHAPES = 3  # parameters of a law that has laws of other families as limits
+SPARE = 2  # numbers of a line beyond the parameters: with fewer a law fits a disturbance by chance
 
 
 def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSettings) -> list[str]:
@@ -38,7 +39,8 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     settings : DecisionSettings
     """
     found, line = [], strongest_line(null, fit)
-    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(settings.p_left):
+    n = len(find(effect).parameters)
+    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings.p_left):
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
@@ -83,15 +85,20 @@ class StrongestLine:
     n_lines: int
     elsewhere: float
 
-    def may_be_disturbance(self, p_least: float) -> bool:
-        """Whether the line is not explained in all records: a law answers to the command of each.
+    def may_be_disturbance(self, n_parameters: int, p_least: float) -> bool:
+        """Whether the line is not explained in all records, or in so few that any law could: a law answers
+        to the command of each.
 
         Parameters
         ----------
+        n_parameters : int
+            Of the law.
         p_least : float
             p-value of what is left on the line, below which it is more than noise.
         """
-        return self.n_records < 2 or float(special.chdtrc(2 * self.n_lines, self.after)) < p_least
+        n = 2 * self.n_lines
+        is_chance = self.n_records < 2 or n - n_parameters < SPARE
+        return is_chance or float(special.chdtrc(n, self.after)) < p_least
 
 
 def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
