@@ -111,6 +111,44 @@ def test_the_motion_is_that_of_the_simulation():
         assert np.max(np.abs(signal - want)) < tolerance * np.max(np.abs(want)), name
 
 
+LOOP = {"position_velocity_loop": {"kp": 10.0, "kv": 5.0, "limit": 0.0}}
+
+
+def in_a_loop(n_records=1):
+    """An axis with a mode in a position loop, and its records from reference to angle."""
+    model = dataclasses.replace(plant(TRUE | LOOP), output="angle")
+    found = []
+    for r in commands(n_records):
+        y = np.tile(model.simulate(r).y, PERIODS)
+        y += 1e-7 * np.random.default_rng(8).standard_normal(len(y))
+        found.append(Record(np.tile(r, PERIODS), y, FS_HZ, N, 0, hold="zoh"))
+    return model, spectra_of(found)
+
+
+def test_bug_in_a_loop_the_motion_beside_a_mode_lacked_the_gain_of_the_reference():
+    model, measured = in_a_loop()
+    problem = Problem(model, measured, None, DEFAULTS)
+    (moved,) = motions(problem, linear_part(model))
+    answer = model.simulate(commands(1)[0])
+    at = np.arange(N) / FS_HZ / moved.step_s
+    signal = np.interp(at, np.arange(len(moved.rate) + 1), np.append(*_closed(moved.rate)))
+    assert np.max(np.abs(signal - answer.rate)) < 0.02 * np.max(np.abs(answer.rate))
+
+
+def test_bug_in_a_loop_a_further_mode_was_scanned_as_if_it_were_open():
+    """The column of a mode with a small residue is what it changes in the response."""
+    model, measured = in_a_loop()
+    problem = Problem(model, measured, None, DEFAULTS)
+    part, residue = linear_part(model), 1e-6
+    mode = {"flexible_mode#2": {"f_hz": 40.0, "zeta": 0.02, "residue": residue}}
+    with_mode = problem.view(dataclasses.replace(part, stack=part.stack | mode), 0)
+    (r,) = problem.records
+    change = (with_mode.command - problem.view(part, 0).command) * r.U * r.weight / residue
+    scan = linear_fit.ModeScan(problem, part, np.zeros((problem.n_rows, 0)), np.zeros(problem.n_rows))
+    shape = 1 / (scan.s[0] ** 2 + 2 * 0.02 * 2 * np.pi * 40.0 * scan.s[0] + (2 * np.pi * 40.0) ** 2)
+    assert np.sqrt(scan.power[0]) * np.abs(shape) == pytest.approx(np.abs(change), rel=1e-3, abs=1e-9)
+
+
 def _closed(signal):
     return signal, signal[0]
 

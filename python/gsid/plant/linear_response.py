@@ -42,6 +42,10 @@ class LinearView:
         Command to output past the rigid body: gain, hold, delay and lags only.
     drive : (K,) complex ndarray
         Command to the motor's torque / inertia, without the sensor's filters.
+    loop : (K,) complex ndarray
+        What a closed loop leaves of a command that is added before the drive; 1 in open loop.
+    reference : float
+        Record's input to the command of an axis that stands still; 1 in open loop.
     """
 
     torque: np.ndarray
@@ -49,6 +53,8 @@ class LinearView:
     change: np.ndarray
     direct: np.ndarray
     drive: np.ndarray
+    loop: np.ndarray
+    reference: float = 1.0
 
 
 def linear_view(
@@ -109,12 +115,15 @@ def linear_view(
         sensor = sensor / s
     loop = 1 / (1 + driven * body * _feedback(parts, f, fs_hz))
     change = (driven * body + actuator * _mode(parts, s)) * loop * sensor
+    reference = _reference(parts)
     return LinearView(
         torque=body * loop * sensor,
-        command=change * _reference(parts),
+        command=change * reference,
         change=change,
         direct=actuator * sensor,
         drive=actuator,
+        loop=loop,
+        reference=reference,
     )
 
 

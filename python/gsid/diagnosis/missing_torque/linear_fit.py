@@ -488,7 +488,8 @@ class ModeScan:
         rows = np.vstack([error, tangent.T])
         half = problem.n_rows // 2
         rows = (rows[:, :half] - 1j * rows[:, half:]).astype(complex)
-        directs = [problem.view(part, group).direct for group in range(problem.n_groups)]
+        views = [problem.view(part, group) for group in range(problem.n_groups)]
+        directs = [view.direct * view.loop * view.reference for view in views]
         self.rows = [np.zeros((len(rows), len(s)), complex) for s in self.s]
         self.power = [np.zeros(len(s)) for s in self.s]
         at = 0

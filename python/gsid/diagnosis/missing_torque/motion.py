@@ -100,12 +100,13 @@ def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view
     U = r.u[line]
     sensor = view.direct / view.drive
     s = 2j * np.pi * r.spectra.f_hz[line]
-    beside = view.command - view.drive * view.torque  # what a mode adds to the output
+    drive = view.reference * view.drive
+    beside = view.command - drive * view.torque  # what a mode adds to the output
     has_mode = any(label.startswith("flexible_mode") for label in part.stack)
     rate = wiener * (Y - (beside * U if has_mode else 0.0)) / sensor
     angle = rate / s
-    # The balance of torques without the inertia's: body = 1 / (s + damping + spring / s).
-    held = view.drive * U - (1 / (view.torque / sensor) - s) * rate
+    # The balance of torques without the inertia's: body = 1 / (s + damping + spring / s + feedback).
+    held = drive * U - (1 / (view.torque / sensor) - s) * rate
     period_s = r.spectra.period_samples / r.spectra.fs_hz
     n = next_fast_len(math.ceil(problem.settings.oversampling * line[-1]), real=True)
     step_s = period_s / n
