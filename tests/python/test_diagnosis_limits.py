@@ -197,7 +197,7 @@ def test_bug_two_effects_of_which_neither_had_a_name_alone_lost_the_other_delay(
     """The delay under the other hold is that of the model with both; the given model's was looked for."""
     both, given = SimpleNamespace(other_delay_s=2e-3), SimpleNamespace(other_delay_s=None)
     null, alone = SimpleNamespace(fit=given), SimpleNamespace(fit=both)
-    run = SimpleNamespace(null=null, decision=Decision(NEAREST), given="a model", final=alone)
+    run = SimpleNamespace(null=null, decision=Decision(NEAREST), given="a model", shown=alone)
     kept = [SimpleNamespace(final=SimpleNamespace(fit=both))]
     assert summary._fit_shown(run, kept) is both
     assert summary._fit_shown(run, ()) is given

@@ -9,7 +9,6 @@ from test_hold import held_record
 
 import gsid
 from gsid.diagnosis.from_records import hold_check
-from gsid.diagnosis.from_records import run as of_run
 from gsid.diagnosis.from_records.hold_check import check_hold, take_likelier_hold
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
@@ -59,7 +58,8 @@ def checked(monkeypatch):
     def check(found, costs):
         def fit(run, model, hold):
             added = tuple(e.id for e in model.effects if e.id not in GIVEN)
-            return simulated(model, costs[hold, added])
+            cost = costs[hold, added]
+            return None if cost is None else simulated(model, cost)
 
         monkeypatch.setattr(hold_check, "_fit", fit)
         monkeypatch.setattr(hold_check, "as_assumed", lambda fit, other: None)
@@ -127,6 +127,27 @@ def test_bug_a_lag_was_not_named_though_the_records_refute_the_other_reading(
     assert names(checked(["motor_lag"], none | zoh)) == named
 
 
+@pytest.mark.parametrize("unfitted", [("motor_lag",), ()])
+def test_bug_a_check_under_the_other_hold_that_could_not_be_fitted_was_evidence(checked, unfitted):
+    """The lag was dropped, with the note that it is not missing if the input is held."""
+    costs = {("none", ("motor_lag",)): 900.0, ("none", ()): 5000.0}
+    costs |= {("zoh", ("motor_lag",)): 950.0, ("zoh", ()): 5100.0} | {("zoh", unfitted): None}
+    found = checked(["motor_lag"], costs)
+    assert (names(found), [one.decision.effects for one in found.near]) == ([], [("motor_lag",)])
+    (one,) = found.near
+    assert one.decision.verdict == NEAREST
+    assert "if the input is held over each sample cannot be fitted" in one.decision.reasons[0]
+    assert (found.joint.cost, found.first.notes) == (900.0, [])
+
+
+def test_bug_after_a_change_of_the_hold_a_round_was_judged_beside_a_fit_with_the_old_one(checked):
+    lagged, plain = ("coulomb_friction", "motor_lag"), ("coulomb_friction",)
+    none = {("none", lagged): 900.0, ("none", plain): 2000.0}
+    zoh = {("zoh", lagged): 904.0, ("zoh", plain): 905.0}
+    (one,) = checked(["coulomb_friction", "motor_lag"], none | zoh).kept
+    assert (one.hold, one.null.cost, [law.cost for law in one.laws]) == ("zoh", 904.0, [905.0])
+
+
 def test_friction_cannot_imitate_a_hold(checked):
     costs = {("none", ("coulomb_friction",)): 900.0, ("zoh", ("coulomb_friction",)): 5000.0}
     found = checked(["coulomb_friction"], costs)
@@ -141,6 +162,7 @@ class Law:
     fit: object
     converged: bool = True
     model: str = "a model"
+    effects: tuple[str, ...] = ()
 
 
 @pytest.mark.parametrize(
@@ -162,22 +184,25 @@ def test_bug_the_linear_part_alone_decided_the_hold_of_records_alone(
     """A Coulomb friction was named with a delay of half a sample too much, 230 standard deviations off."""
     shown, other = Law(100.0, "not held", converged=False), cost and Law(cost, "held", converged)
     noted = []
-    monkeypatch.setattr(hold_check, "_fit_from", lambda run, model, hold: other)
+    again = {"a model": other, "null": Law(9e3, "held null"), "rival": Law(290.0, "held rival")}
+    monkeypatch.setattr(hold_check, "_fit_from", lambda run, model, hold, effects=(): again[model])
     monkeypatch.setattr(hold_check, "_read", lambda run, hold: [hold])
     monkeypatch.setattr(hold_check, "as_assumed", lambda fit, other: noted.append((fit, other)))
-    rival = Law(300.0, "rival")
+    rival, lost = Law(300.0, "rival", model="rival"), Law(400.0, "lost", model="lost")
+    again["lost"] = None
     run = SimpleNamespace(
-        hold_assumed=True, hold="none", measured=["none"], in_closed_loop=in_loop, laws=[shown, rival]
+        hold_assumed=True, hold="none", measured=["none"], in_closed_loop=in_loop, laws=[shown, rival, lost]
     )
-    run.final, run.null = (None, shown) if is_null else (shown, Law(1e4, "null"))
-    run.replace_final = lambda better: of_run.Run.replace_final(run, better)
+    run.final, run.null = (None, shown) if is_null else (shown, Law(1e4, "null", model="null"))
+    run.shown = shown
     run.decision, run.deadline = Decision(verdict, ()), SimpleNamespace(is_over=False)
     take_likelier_hold(run)
     now = run.null if is_null else run.final
     assert (run.hold, run.measured) == (hold, [hold])
     assert (now.fit, now.converged) == (("held", True) if hold == "zoh" else ("not held", False))
     if not is_null:
-        assert run.laws == [now, rival]
+        assert run.laws == ([now, again["rival"]] if hold == "zoh" else [shown, rival, lost])
+        assert run.null.fit == ("held null" if hold == "zoh" else "null")
     if verdict == UNKNOWN or in_loop:
         assert noted == []
     else:

@@ -21,13 +21,15 @@ def weigh_model_error(run: Run) -> None:
     ----------
     run : Run
     """
-    if run.final is None or run.evidence().is_adequate(run.final) or BACKLASH in run.final.effects:
+    if not run.decision.effects or run.final is None or BACKLASH in run.final.effects:
+        return
+    if run.evidence().is_adequate(run.final):
         return
     with run.timed("fit with equal weights"):
         has_large_error = run.final.fit.cost_per_dof >= run.settings.much_left
         if has_large_error and not _fit_with_equal_weights(run):
             return
-        if run.decision.effects and not run.deadline.is_over:
+        if not run.deadline.is_over:
             run.ripple = remaining_ripple(run.final.model, run.measured, run.band)
 
 

@@ -2,7 +2,8 @@
 
 A lag, a delay, a sensor that is sampled and held, or a mode above the band can imitate a hold. Such an effect
 is named only if it is also missing under the other assumption, beside all other effects found, or if the
-records refute that assumption. From the records alone the values are those of the likelier one.
+records refute that assumption; it is the nearest if that cannot be fitted. From the records alone the values
+are those of the likelier one.
 """
 
 from __future__ import annotations
@@ -44,19 +45,49 @@ def check_hold(rounds: Rounds) -> None:
         plain = _fit(run, without(final.model, _names(doubtful)), other_hold)
         if plain is not None and plain.cost - final.cost < _price(doubtful):
             run.notes.append(_note(doubtful, other_hold))
-            run.measured, run.hold = _read(run, other_hold), other_hold
+            _read_all(rounds, other_hold)
             rounds.drop(doubtful, plain)
+            _fit_nulls(rounds, plain)
             final, other_hold = plain, other_reading(other_hold)
     whole = _fit(run, final.model, other_hold)
+    unchecked = []
     for one in [one for one in doubtful if one in rounds.kept]:
-        if _is_refuted(run, whole, final) or _is_missing(run, one, final, whole, other_hold):
+        if _is_refuted(run, whole, final):
             continue
-        smaller = _fit(run, without(final.model, _names([one])), run.hold)
-        if smaller is not None:
+        part = _fit(run, without(final.model, _names([one])), other_hold)
+        if whole is None or part is None:
+            unchecked.append(one)
+        elif part.cost - whole.cost < _price([one]):
+            smaller = _fit(run, without(final.model, _names([one])), run.hold)
+            if smaller is None:
+                unchecked.append(one)
+                continue
             run.notes.append(_note([one], other_hold))
             rounds.drop([one], smaller)
             final, whole = smaller, _fit(run, smaller.model, other_hold)
     as_assumed(final.fit, whole.fit if whole else None)
+    if unchecked:
+        reason = f"Whether it is missing if the input is {MEANING[other_hold]} cannot be fitted: {DECLARE}."
+        rounds.demote([one for one in unchecked if one in rounds.kept], reason, final)
+
+
+def _read_all(rounds: Rounds, hold: str) -> None:
+    """Read the records of all rounds under an assumption."""
+    measured = _read(rounds.first, hold)
+    for one in (rounds.first, *rounds.kept):
+        one.measured, one.hold = measured, hold
+
+
+def _fit_nulls(rounds: Rounds, final: Simulated) -> None:
+    """Fit what the effects that stay are judged beside, after the records were read in another way.
+
+    Their rivals were fitted in the first way: their costs tell nothing any more.
+    """
+    first = rounds.first
+    for one in dict.fromkeys((first, *rounds.kept)) if rounds.kept else ():
+        plain = first.null.model if one is first else without(final.model, _names([one]))
+        one.null = _fit(first, plain, first.hold) or one.null
+        one.laws = [one.final] if one.final else []
 
 
 def take_likelier_hold(run: Run) -> None:
@@ -71,7 +102,7 @@ def take_likelier_hold(run: Run) -> None:
     run : Run
         Of records alone that may not state their hold, with its verdict.
     """
-    shown = run.final or run.null
+    shown = run.shown
     if not run.hold_assumed or run.hold is None or shown is None or run.decision.verdict == UNKNOWN:
         return
     if run.in_closed_loop or run.deadline.is_over:
@@ -79,16 +110,26 @@ def take_likelier_hold(run: Run) -> None:
     other_hold = other_reading(run.hold)
     other = _fit_from(run, shown.model, other_hold)
     is_likelier = other is not None and likelier({run.hold: shown.cost, other_hold: other.cost}) == other_hold
-    if not (is_likelier and other.converged):
+    null = _null_under(run, shown, other, other_hold) if is_likelier and other.converged else None
+    if null is None:
         as_assumed(shown.fit, other.fit if other else None)
         return
     as_assumed(other.fit, shown.fit)
     swapped = replace(shown, fit=other.fit, converged=True)
-    if shown is run.null:
-        run.null = swapped
-    else:
-        run.replace_final(swapped)
+    rivals = [one for one in run.laws if one is not shown]
+    run.laws = [swapped, *_rivals_under(run, rivals, other_hold)] if shown is not run.null else []
+    run.null, run.final = (swapped, None) if shown is run.null else (null, swapped)
     run.measured, run.hold = _read(run, other_hold), other_hold
+
+
+def _null_under(run: Run, shown: Simulated, other: Simulated, hold: str) -> Simulated | None:
+    return other if shown is run.null else _fit_from(run, run.null.model, hold)
+
+
+def _rivals_under(run: Run, rivals: Sequence[Simulated], hold: str) -> list[Simulated]:
+    """The other laws fitted under the other assumption: the ranking compares their costs."""
+    fitted = [_fit_from(run, one.model, hold, one.effects) for one in rivals]
+    return [one for one in fitted if one is not None]
 
 
 def _fit(run: Run, model: PlantModel, hold: str) -> Simulated | None:
@@ -96,10 +137,10 @@ def _fit(run: Run, model: PlantModel, hold: str) -> Simulated | None:
     return _fit_from(run, linear_start(model, _read(run, hold)), hold)
 
 
-def _fit_from(run: Run, model: PlantModel, hold: str) -> Simulated | None:
+def _fit_from(run: Run, model: PlantModel, hold: str, effects: tuple[str, ...] = ()) -> Simulated | None:
     """A model fitted under an assumption, from its own values."""
     fits = replace(run.simulations(), measured=_read(run, hold))
-    fitted = fits.fit(model, ())
+    fitted = fits.fit(model, effects)
     for why in fits.not_tried.values():
         run.not_tried[f"the check with the input {MEANING[hold]}"] = why
     return fitted
@@ -121,11 +162,6 @@ def _is_refuted(run: Run, other: Simulated | None, final: Simulated) -> bool:
     if other is None or not run.evidence().is_adequate(final):
         return False
     return other.cost - final.cost >= run.settings.named_lead
-
-
-def _is_missing(run: Run, one: Run, final: Simulated, whole: Simulated | None, hold: str) -> bool:
-    part = _fit(run, without(final.model, _names([one])), hold)
-    return whole is not None and part is not None and part.cost - whole.cost >= _price([one])
 
 
 def _names(rounds: Sequence[Run]) -> list[str]:

@@ -115,6 +115,27 @@ class Rounds:
         else:
             self.first.conclude_without_law(final)
 
+    def demote(self, rounds: Sequence[Run], reason: str, final: Simulated) -> None:
+        """Make effects the nearest that cannot be confirmed.
+
+        Parameters
+        ----------
+        rounds : sequence of Run
+            Of effects that are named.
+        reason : str
+            One sentence.
+        final : Simulated
+            With all effects that are named.
+        """
+        joint = self.joint or final
+        for one in rounds:
+            one.decision = replace(one.decision, verdict=NEAREST, reasons=(reason,))
+        self.kept = [one for one in self.kept if one not in rounds]
+        self.near = [*self.near, *rounds]
+        self.joint = joint
+        if self.kept:
+            self.fit_named(joint)
+
     def _explains(self, run: Run) -> bool:
         """Whether the best law of a round is worth a further round beside it.
 

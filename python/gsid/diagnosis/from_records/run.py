@@ -192,6 +192,11 @@ class Run:
         return self.alpha if self.given else self.settings.p_least
 
     @property
+    def shown(self) -> Simulated | None:
+        """The fit that the result is of: with the law that is named or nearest, else of the linear part."""
+        return self.final if self.final and self.decision.effects else self.null
+
+    @property
     def is_significant(self) -> bool:
         """Whether the best law lowers the cost by more than the best of many laws does by chance (DIA-5)."""
         best = min(self.laws, key=lambda one: one.cost)

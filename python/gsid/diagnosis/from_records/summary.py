@@ -86,7 +86,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.null else None,
         delay_hold_uncertainty_s=_fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
-        remarks=[*run.notes, *_unsettled(final or run.null)],
+        remarks=[*run.notes, *_unsettled(final if kept else run.shown)],
         basis=basis,
         probabilities=known,
         interrupted=run.interrupted,
@@ -182,7 +182,7 @@ def _fit_shown(run: Run, kept: Sequence[Run]) -> PlantFit:
     """Of the model with all effects found, else of the given one: what the hold was checked with."""
     if kept and kept[-1].final:
         return kept[-1].final.fit
-    return run.final.fit if run.final and not run.given else run.null.fit
+    return run.shown.fit if not run.given else run.null.fit
 
 
 def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) -> PlantModel | None:
