@@ -9,8 +9,10 @@ import pytest
 from test_play import with_modes
 from test_steps import BODY, DELAY, F_LO, LAG, SPRING, VISCOUS, mode, model
 
-from gsid.base.deadline import OutOfTime
+import gsid
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records import confirm as of_fits
 from gsid.diagnosis.from_records import diagnose as diagnosing
 from gsid.diagnosis.from_records import (
     find_structure,
@@ -21,6 +23,7 @@ from gsid.diagnosis.from_records import (
     ringing_lines,
     summary,
 )
+from gsid.diagnosis.from_records import run as of_run
 from gsid.diagnosis.from_records.play_structures import structures_for_play
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
@@ -31,7 +34,9 @@ from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.diagnosis.missing_torque.problem import linear_part, torque_power
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
+from gsid.diagnosis.next_experiment import advice, next_experiment
 from gsid.effects.types import find
+from gsid.plant.effect import Effect, Param
 
 WITHOUT_ANSWER = [
     GsidError("no structure", "a record"),
@@ -262,7 +267,7 @@ def test_the_best_other_law_is_fitted_beside_a_new_structure(monkeypatch, laws, 
     )
     facts = {
         "band": None,
-        "without": (),
+        "excluded": (),
         "settings": DEFAULTS,
         "judged": [],
         "pruned": None,
@@ -303,6 +308,78 @@ def test_two_shapes_end_where_the_law_explains_most():
     shape, most = ranking._simplex(gain, bracket, (first, gain(first)), SEARCH.shape_steps)
     assert shape / [1.0, 400.0] == pytest.approx(best / [1.0, 400.0], abs=0.05)
     assert most == pytest.approx(gain(shape))
+
+
+@pytest.mark.parametrize("fixed", [(0,), (1,), (0, 1)])
+def test_bug_a_shape_without_neighbours_in_the_grid_kept_the_other_from_being_refined(fixed):
+    best, bracket = np.array([0.31, 170.0]), np.array([[0.0, 1.0], [100.0, 500.0]])
+    first = np.array([0.5, 300.0])
+    bracket[list(fixed)] = first[list(fixed), None]
+    want = np.where(np.isin([0, 1], fixed), first, best)
+
+    def gain(x):
+        return 50.0 - 20.0 * (x[0] - best[0]) ** 2 - 2e-4 * (x[1] - best[1]) ** 2
+
+    shape, most = ranking._simplex(gain, bracket, (first, gain(first)), SEARCH.shape_steps)
+    assert shape / [1.0, 400.0] == pytest.approx(want / [1.0, 400.0], abs=0.05)
+    assert most == pytest.approx(gain(shape))
+
+
+@pytest.mark.parametrize(("values", "scatter"), [((1.4, 0.0), 0.1), ((1.4, 1.0), 0.1), ((0.0, 0.0), 0.0)])
+def test_bug_a_parameter_of_zero_made_the_scatter_of_the_others_zero(values, scatter):
+    alone = np.add(values, [[0.14, 1.0], [-0.14, -1.0]])
+    errors = np.array([[0.01, 1.0], [0.01, 1.0]])
+    assert of_fits._scatter(alone, errors, np.array(values))[0] == pytest.approx(scatter)
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_bug_weights_with_which_no_law_can_be_fitted_lost_the_fits_with_those_of_noise(monkeypatch, step):
+    """In the first round, or in a later one, in which every law has lost its fit."""
+    part = SimpleNamespace(part="a part", error=np.ones(4), cost_per_dof=30.0)
+    law = SimpleNamespace(name="a law", fit=part)
+    problem = SimpleNamespace(settings=SEARCH, lines_of=lambda error: error)
+    problem.with_model_error = lambda *_: problem
+    first = stage._Fitted(problem, part, "given", None, None, [], [law], [law], "a misfit", law, [])
+
+    def refit(problem, null, one, *_):
+        one.fit = None
+
+    monkeypatch.setattr(stage, "fit_linear_part", lambda *_: part)
+    monkeypatch.setattr(stage, "motions", lambda *_: "the motion")
+    monkeypatch.setattr(stage, "_scanned", lambda *_: [law])
+    monkeypatch.setattr(stage, "_add_starts", lambda *_: None)
+    monkeypatch.setattr(stage, "_chosen", lambda problem, null, candidates: candidates)
+    monkeypatch.setattr(stage, "_misfit", lambda *_: "a misfit")
+    monkeypatch.setattr(stage, "choose", lambda refitted, *_: refitted[0])
+    monkeypatch.setattr(stage, "refit", refit)
+    refitted = fails_with(InputError("none is left", "a record")) if step == 0 else lambda *_: _[3]
+    monkeypatch.setattr(stage, "_refitted", refitted)
+    found = stage._with_model_error(first, "a model", ())
+    assert (found is first) if step == 0 else (found.moved, found.best.name) == ("the motion", "a law")
+
+
+def test_bug_a_law_of_the_given_model_was_fitted_again_as_the_simpler_one(monkeypatch):
+    """A Coulomb friction in place of a Stribeck friction: its model was that without any law."""
+    run = of_run.Run(Deadline(), DEFAULTS, None, ("motor_lag",), lambda text: None)
+    run.known = [Effect("coulomb_friction", {"level": Param(1.0)})]
+    run.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="unknown")))
+    run.null, listed = SimpleNamespace(fit=None), []
+    monkeypatch.setattr(fit_laws, "short_list", lambda *args: listed.append(args[-1]) or [])
+    monkeypatch.setattr(fit_laws, "_fit_laws", lambda *_: None)
+    monkeypatch.setattr(run, "accept_noise", lambda: None)
+    fit_laws.confirm(run)
+    assert listed == [{"motor_lag", "coulomb_friction"}]
+
+
+def test_bug_a_proposed_experiment_took_time_after_the_deadline():
+    deadline = Deadline()
+    deadline.stop()
+    axis = model(BODY, VISCOUS)
+    u = np.cos(2 * np.pi * 5 * np.arange(600) / 600)
+    one = gsid.spectra(gsid.Record(np.tile(u, 3), np.tile(u, 3), 3000.0, 600, 0, hold="zoh"))
+    assert next_experiment(axis, axis, one, deadline=deadline) == []
+    assert advice(axis, axis, one, ("a", "b"), deadline) == ""
+    assert "distinguishes a from b" in advice(axis, axis, one, ("a", "b"))
 
 
 def test_other_springs_begin_at_the_lowest_line_of_the_first_record():

@@ -270,7 +270,9 @@ def test_a_larger_law_is_fitted_where_the_best_one_leaves_more_than_noise(
         return fitted
 
     monkeypatch.setattr(fit_laws, "worth_a_fit", best_shapes)
-    run = SimpleNamespace(final=best, laws=[best], in_closed_loop=False, without={"hard_stop"}, settings=None)
+    run = SimpleNamespace(
+        final=best, laws=[best], in_closed_loop=False, excluded={"hard_stop"}, settings=None
+    )
     run.deadline = SimpleNamespace(is_over=is_over)
     run.evidence = lambda: SimpleNamespace(is_adequate=lambda one: adequate)
     run.decide = lambda: None

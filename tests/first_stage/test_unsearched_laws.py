@@ -44,7 +44,7 @@ def starts(monkeypatch):
     """Starts of the law; an error is raised."""
     answer = ["a start"]
 
-    def effect_starts(fit, effect, band):
+    def effect_starts(fit, effect, band, deadline):
         if isinstance(answer[0], Exception):
             raise answer[0]
         return list(answer)

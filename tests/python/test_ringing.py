@@ -1,5 +1,7 @@
 """Noise that rings with a resonance narrower than the bins of a record."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,25 @@ def test_bug_a_peak_of_the_noise_was_spread_over_its_neighbours(is_white):
     else:
         assert share >= 0.9
         assert lines.tolist() == [12]
+
+
+def rings(excited, **changes):
+    """Lines left out of a record of noise with a resonance of 6 Hz and 0.05 1/s, line 12."""
+    noise = ringing_noise(np.random.default_rng(20261129), 6.0, 0.05, 1)[0]
+    one = spectra_of_periods(noise.reshape(P, N))
+    one = dataclasses.replace(one, excited=np.isin(one.line, excited), **changes)
+    stack = {"flexible_mode": {"f_hz": 6.0, "zeta": 0.05 / (2 * np.pi * 6.0), "residue": 1.0}}
+    return np.flatnonzero(_rings(one, np.full(len(one.line), one.noise_y.mean()), stack, DEFAULTS))
+
+
+def test_bug_a_record_lost_its_only_excited_line():
+    assert rings([11, 12, 13]).tolist() == [12]
+    assert rings([12]).tolist() == []
+
+
+def test_bug_a_record_that_lost_periods_was_judged_by_the_noise_between_its_lines():
+    """Its noise is that of the periods that are left, at the lines themselves."""
+    assert rings([11, 12, 13], n_spoiled=1).tolist() == []
 
 
 def test_an_oscillation_without_decay_has_all_its_power_in_one_bin():

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gsid.base.errors import GsidError, InputError, close
+from gsid.base.errors import CANNOT_FIT, GsidError, InputError, close
 from gsid.base.hold import likelier, other_reading
 from gsid.base.tables import paragraphs
 from gsid.comparison import Comparison, compare
@@ -207,7 +207,7 @@ def _fit_or_none(
 ) -> PlantFit | None:
     try:
         return fit_plant(model, measured, band=band)
-    except (GsidError, InputError):
+    except CANNOT_FIT:
         return None
 
 
@@ -442,7 +442,7 @@ def _best_fit(
         on_step(f"fitting {effect.id}, start {i} of {len(starts)}")
         try:
             fitted = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
-        except (GsidError, InputError) as error:
+        except CANNOT_FIT as error:
             failure = error
             continue
         if best is None or fitted.cost < best.cost:

@@ -52,7 +52,10 @@ def fixed_parameters(effect: EffectType) -> tuple[str, ...]:
 
 
 def effect_starts(
-    fit: PlantFit, effect: EffectType, band: tuple[float, float] | None = None
+    fit: PlantFit,
+    effect: EffectType,
+    band: tuple[float, float] | None = None,
+    deadline: Deadline | None = None,
 ) -> list[PlantModel]:
     """Models with one more effect, at the values that a fit by simulation should start from.
 
@@ -64,17 +67,23 @@ def effect_starts(
         Of the catalogue.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
+    deadline : Deadline, optional
 
     Returns
     -------
     list of PlantModel
         At least one.
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached.
     """
     if effect.linear_part == "hold":
         (rate,) = effect.names
         return [_held(fit, effect, rate, rate_hz) for rate_hz in likely_rates(fit, effect[rate].grid)]
     if _has_column(effect, fit.model):
-        found = _by_first_stage(fit, effect, band)
+        found = _by_first_stage(fit, effect, band, deadline or Deadline())
         if found:
             return found
     return [_best_size(fit, effect)]
@@ -92,13 +101,15 @@ def _has_column(effect: EffectType, model: PlantModel) -> bool:
 # ---- first stage -------------------------------------------------------------------------------------------
 
 
-def _by_first_stage(fit: PlantFit, effect: EffectType, band: tuple[float, float] | None) -> list[PlantModel]:
+def _by_first_stage(
+    fit: PlantFit, effect: EffectType, band: tuple[float, float] | None, deadline: Deadline
+) -> list[PlantModel]:
     """The model with the effect at the values of the joint fit, and at those of the scan."""
     model, measured = fit.model, [record.spectra for record in fit.records]
     if not all(is_of_linear_part(each) for each in model.effects):
-        measured = without_laws(measured, model, Deadline())
+        measured = without_laws(measured, model, deadline)
     linear = linear_only(model)
-    problem, given = Problem(linear, measured, band, DEFAULTS), linear_part(linear)
+    problem, given = Problem(linear, measured, band, DEFAULTS, deadline), linear_part(linear)
     null = fit_null(problem, given)
     moved = motions(problem, null.part)
     scan, scales = Scan(problem, null, moved), catalogue.scales(problem, moved)

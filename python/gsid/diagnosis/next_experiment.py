@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
 from gsid.excitation.periodic import write_period
 from gsid.plant.model import PlantModel
@@ -21,6 +22,7 @@ from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
 ENOUGH = 10.0  # expected difference in cost that distinguishes two effects
+ROUNDING = 1e-12  # of the largest line of the output: the noise of a record without any
 MOST_PERIODS = 10.0  # of an experiment that is advised, in periods measured
 
 
@@ -91,7 +93,12 @@ def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
 
 
 def next_experiment(
-    first: PlantModel, second: PlantModel, measured: Spectra, *, limit: float = np.inf
+    first: PlantModel,
+    second: PlantModel,
+    measured: Spectra,
+    *,
+    limit: float = np.inf,
+    deadline: Deadline | None = None,
 ) -> list[Experiment]:
     """Rank the menu by how well each experiment distinguishes two fitted models.
 
@@ -102,6 +109,8 @@ def next_experiment(
         Provides the excitation, the number of periods, and the noise.
     limit : float
         Largest command allowed.
+    deadline : Deadline, optional
+        Time at which the search ends with the experiments so far.
 
     Returns
     -------
@@ -111,9 +120,12 @@ def next_experiment(
     u = input_period(measured, 1)
     lines = np.flatnonzero(measured.excited)
     use = np.arange(max(lines[0], 1), lines[-1] + 1)
-    weight = np.sqrt(2 * measured.n_periods / np.maximum(measured.var_y[use], np.finfo(float).tiny))
+    rounding = (ROUNDING * np.max(np.abs(measured.y))) ** 2
+    weight = np.sqrt(2 * measured.n_periods / np.maximum(measured.var_y[use], rounding))
     ranked = []
     for words, command in menu(u, limit):
+        if deadline is not None and deadline.is_over:
+            break
         try:
             one = PeriodicPlant(first, command, measured.fs_hz).run(sensitivities=True)
             other = PeriodicPlant(second, command, measured.fs_hz).run()
@@ -128,8 +140,16 @@ def next_experiment(
     return sorted(ranked, key=lambda experiment: -experiment.separation)
 
 
-def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tuple[str, str]) -> str:
+def advice(
+    first: PlantModel,
+    second: PlantModel,
+    measured: Spectra,
+    names: tuple[str, str],
+    deadline: Deadline | None = None,
+) -> str:
     """Describe the best experiment of the menu, with its command and travel, to be checked against the rig.
+
+    Empty if the time is over before the menu was tried.
 
     Parameters
     ----------
@@ -137,8 +157,11 @@ def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tupl
         As for `next_experiment`.
     names : (str, str)
         Names of the two effects.
+    deadline : Deadline, optional
     """
-    ranked, n_periods = next_experiment(first, second, measured), measured.n_periods
+    ranked, n_periods = next_experiment(first, second, measured, deadline=deadline), measured.n_periods
+    if deadline is not None and deadline.is_over:
+        return ""
     least = ENOUGH / MOST_PERIODS  # over as many periods as measured
     if not ranked or ranked[0].separation < least:
         return f"No experiment of the menu distinguishes {names[0]} from {names[1]} at this noise level."

@@ -76,7 +76,7 @@ def without_lines_beside(one: Spectra, tones: Sequence[Tone]) -> Spectra:
         Also those of other records of the same axis.
     """
     beside = _beside(one, tones)
-    if not np.any(one.excited & ~beside):
+    if not np.any(beside) or not np.any(one.excited & ~beside):
         return one
     left_out = beside if one.left_out is None else beside | one.left_out
     return replace(one, left_out=left_out, excited=one.excited & ~beside)

@@ -122,6 +122,8 @@ def select(
     ------
     OutOfTime
         The deadline was reached before any structure was fitted.
+    InputError
+        No structure could be fitted.
     """
     return _Search(measured, hold, outputs, settings, expected_output, deadline, fits).run()
 
@@ -274,6 +276,9 @@ class _Search:
                 n_refined += 1
                 if n_refined == self.settings.n_refined or self.deadline.is_over:
                     break
+        if not self.found:
+            hint = "check the records, or fit a rational model with gsid fit"
+            raise InputError("no structure could be fitted", self.measured.name, None, hint)
 
     def _move(self) -> None:
         """Add and drop elements of the best structures until nothing improves."""
@@ -359,9 +364,6 @@ class _Search:
 
     def _choose(self) -> tuple[Candidate, list[Candidate]]:
         ordered = self._ordered()
-        if not ordered:
-            hint = "check the records, or fit a rational model with gsid fit"
-            raise InputError("no structure could be fitted", self.measured.name, None, hint)
         best = ordered[0]
         likely = [
             one

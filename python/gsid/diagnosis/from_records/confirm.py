@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.play import (
     DOUBTFUL,
@@ -157,13 +157,13 @@ class Simulations:
                     self.not_tried[name] = "its simulation reaches no steady state"
                     return None
                 fit, stalled = self._in_slices(model, to_beat, deadline)
+            return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
         except OutOfTime:
             self.not_tried[name] = self._why_stopped()
             return None
-        except (GsidError, InputError) as error:
+        except CANNOT_FIT as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
-        return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
 
     def finished(self, one: Simulated) -> Simulated:
         """Continue a fit that was cut short, with work of its own; the same fit if that gives no better one.
@@ -176,11 +176,10 @@ class Simulations:
         deadline = self.deadline.bounded(self.settings.moves_of_fit)
         try:
             fit, stalled = self._in_slices(one.model, None, deadline)
-        except (GsidError, InputError, OutOfTime):
+            found = replace(judged(fit, one.effects, self.settings), stalled=stalled)
+        except (*CANNOT_FIT, OutOfTime):
             return one
-        if fit.cost > one.fit.cost:
-            return one
-        return replace(judged(fit, one.effects, self.settings), stalled=stalled)
+        return one if fit.cost > one.fit.cost else found
 
     def _may_begin(self, name: str) -> bool:
         """Whether there is time and work left for a fit; if not, that is noted."""
@@ -263,13 +262,13 @@ class Simulations:
         """A fit of play, judged; None if there is none."""
         try:
             fit = fitted()
+            return self._judged_play(fit) if fit else None
         except OutOfTime:
             self.not_tried[BACKLASH] = self._why_stopped()
             return None
-        except (GsidError, InputError, np.linalg.LinAlgError) as error:
+        except CANNOT_FIT as error:
             self.not_tried[BACKLASH] = f"it cannot be simulated: {error}"
             return None
-        return self._judged_play(fit) if fit else None
 
     def _judged_play(self, fit: PlantFit) -> Simulated:
         """What it explains where it was not fitted; `judged` linearises, and the cost of play has steps."""
@@ -279,7 +278,7 @@ class Simulations:
             return found
         try:
             left = left_by_refits(fit, self.band, self.deadline.bounded(self.settings.moves_of_fit))
-        except (GsidError, InputError, OutOfTime):
+        except (*CANNOT_FIT, OutOfTime):
             return found
         return replace(found, kept=mean_square(left), left_out=tuple(left))
 
@@ -379,8 +378,9 @@ def _linearised_cost(parts: list[tuple[np.ndarray, np.ndarray]]) -> float:
 
 
 def _scatter(alone: np.ndarray, errors: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Scatter of the strongest parameter over the parts, relative to it, and by noise."""
-    if not len(values) or not np.all(values != 0):
+    """Scatter of the strongest parameter that is not zero over the parts, relative to it, and by noise."""
+    alone, errors, values = alone[:, values != 0], errors[:, values != 0], values[values != 0]
+    if not len(values):
         return 0.0, 0.0
     spread = np.std(alone, axis=0) / np.abs(values)
     noise = np.sqrt(np.mean(errors**2, axis=0)) / np.abs(values)

@@ -15,8 +15,8 @@ NEAR = 0.35  # distance from a resonance over its frequency: that of a given mod
 def subtract_disturbances(run: Run) -> None:
     """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
 
-    A fan runs in all records, though it may not show between the lines of each: what one record shows is left
-    out beside it in all of them.
+    A fan runs in all records, though it may not show between the lines of each: the lines beside what two of
+    them show are left out in all.
 
     Parameters
     ----------
@@ -28,16 +28,23 @@ def subtract_disturbances(run: Run) -> None:
     found = [[tone for tone in find_disturbances(one) if not _rings(run, one, tone)] for one in run.measured]
     if not any(found):
         return
-    of_all = [tone for tones in found for tone in tones]
+    width_hz = run.measured[0].f_hz[1]
+    shared = [tone for tones in found for tone in tones if _is_shared(tone, found, width_hz)]
     run.measured, run.judged = (
         [
-            without_lines_beside(without_disturbances(one, tones), of_all)
+            without_lines_beside(without_disturbances(one, tones), shared)
             for one, tones in zip(records, found, strict=True)
         ]
         for records in (run.measured, run.judged)
     )
     run.known_fits = {}
-    run.notes.append(_note(of_all, run.measured[0]))
+    run.notes.append(_note([tone for tones in found for tone in tones], run.measured[0]))
+
+
+def _is_shared(tone: Tone, found: list[list[Tone]], width_hz: float) -> bool:
+    """Whether two records show it: one alone may show a peak of the noise."""
+    shown = [any(abs(tone.f_hz - other.f_hz) < width_hz for other in tones) for tones in found]
+    return sum(shown) > 1
 
 
 def _rings(run: Run, one: Spectra, tone: Tone) -> bool:

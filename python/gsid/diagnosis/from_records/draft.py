@@ -6,10 +6,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits, fit_null
@@ -142,7 +140,7 @@ def _values_from_data(
     on_step("finding the linear structure")
     try:
         found = start(measured, output=model.output, band=band, deadline=deadline)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return None
     return found.effects if found.has_model else None
 

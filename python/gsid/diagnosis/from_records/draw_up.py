@@ -57,7 +57,7 @@ def _drafted(run: Run, stack: PlantModel) -> Draft:
         run.judged,
         stack,
         band=run.band,
-        without={*run.without, *(effect.id for effect in run.known)},
+        without=run.excluded,
         from_data=run.start is not None or run.is_further,
         along=run.measured if run.known else None,
         known=run.known_fits,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.ripple import remaining_ripple
 from gsid.diagnosis.from_records.run import Run
 from gsid.greybox.fit import fit_plant
@@ -43,7 +43,7 @@ def _fit_with_equal_weights(run: Run) -> bool:
     try:
         run.deadline.check()
         fit = fit_plant(run.final.model, run.measured, **how)
-    except (GsidError, InputError, OutOfTime):
+    except (*CANNOT_FIT, OutOfTime):
         return False
     if not fit.converged and run.deadline.is_used_up:
         return False  # it was cut: its values lie between those of two criteria

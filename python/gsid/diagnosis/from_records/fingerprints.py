@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.law_part import missing_torque, without
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.torque_residual import Curve
@@ -121,7 +121,7 @@ def _fingerprint(found: Diagnosis, law: RankedLaw) -> Fingerprint | None:
     try:
         part = without(model, law.effects[:1])
         measured, by_law = missing_torque(model, part, found.measured[:RECORDS], found.band)
-    except (GsidError, InputError):
+    except CANNOT_FIT:
         return None
     curves = list(zip(measured.curves[:3], by_law.curves[:3], strict=True))
     best = max(curves, key=lambda pair: pair[1].explained)

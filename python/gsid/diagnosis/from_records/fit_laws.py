@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
@@ -43,7 +43,7 @@ def confirm(run: Run) -> None:
         return
     with run.timed("simulation"):
         fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
-        listed = short_list(run.draft, run.pruned, run.settings, run.without) if missing else []
+        listed = short_list(run.draft, run.pruned, run.settings, run.excluded) if missing else []
         run.on_step.expect(len(listed) + (run.null is None))
         run.null = run.null or _fitted_null(run, fits)
         if run.null is not None and missing:
@@ -140,7 +140,7 @@ def _try_larger(run: Run, fits: Simulations) -> None:
         return
     if run.evidence().is_adequate(best):
         return
-    known = {*run.without, *(each for one in run.laws for each in one.effects)}
+    known = {*run.excluded, *(each for one in run.laws for each in one.effects)}
     for larger in worth_a_fit(best.fit, best.effects[0], known, run.settings):
         fitted = fits.fit(larger.model, (larger.effect,), best.cost)
         if fitted is not None and fitted.cost < best.cost:
@@ -167,7 +167,7 @@ def _fit_null_again(run: Run, fits: Simulations) -> None:
 
 def _fit_drive(run: Run, fits: Simulations) -> None:
     """Laws of the drive inside a loop, which the first stage has no column for."""
-    for effect, model in drive_starts(run.null.fit, run.without, run.deadline):
+    for effect, model in drive_starts(run.null.fit, run.excluded, run.deadline):
         fitted = fits.fit(model, (effect,), min((one.cost for one in run.laws), default=None))
         run.tried.add(effect)
         if fitted is not None:
@@ -223,7 +223,7 @@ def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
 
     If that is not confirmed, in place of the likeliest law that has the shape of one.
     """
-    if CUBIC in run.without:
+    if CUBIC in run.excluded:
         return
     others = [] if run.decision.verdict == MISSING else sorted(run.laws, key=run.evidence().priced)
     starts = (cubic_in_place_of_cogging(one) or cubic_in_place_of_unbalance(one) for one in [best, *others])
@@ -233,7 +233,7 @@ def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
 def _try_unbalance(run: Run, fits: Simulations) -> None:
     """An unbalance in place of a shifted cubic spring, if no fit of one is known: each may be the other."""
     known = {one.effects[0]: one for one in run.laws}
-    if UNBALANCE not in {*run.without, *known} and CUBIC in known:
+    if UNBALANCE not in {*run.excluded, *known} and CUBIC in known:
         start = unbalance_in_place_of_cubic(known[CUBIC])
         _try_in_place(run, fits, start, UNBALANCE, known[CUBIC])
 
@@ -249,7 +249,7 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
         return
     try:
         start = shifted_stop(run.null.model, run.measured, run.band, run.deadline)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return
     _try_in_place(run, fits, start, STOP, best)
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.canonical import insignificant
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, without_laws
@@ -56,7 +54,7 @@ def _mended(run: Run) -> bool:
     try:
         rest = without_laws(run.measured, run.final.model, run.deadline)
         found = start(rest, output=run.start.output, band=run.band, deadline=run.deadline)
-    except (GsidError, InputError, np.linalg.LinAlgError, OutOfTime):
+    except (*CANNOT_FIT, OutOfTime):
         return False
     if not found.has_model or found.effects.keys() == run.start.effects.keys():
         return False

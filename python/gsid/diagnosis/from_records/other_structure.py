@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import draft, is_linear
 from gsid.diagnosis.from_records.run import Run
@@ -57,15 +55,15 @@ def add_rival(run: Run, fits: Simulations, structure: PlantModel, found: Simulat
     found : Simulated
         The law beside this structure.
     """
-    how = {"band": run.band, "without": run.without, "from_data": True, "settings": run.settings}
+    how = {"band": run.band, "without": run.excluded, "from_data": True, "settings": run.settings}
     try:
         first = draft(
             run.judged, structure, **how, on_step=run.on_step, deadline=run.deadline, linear_rounds=0
         )
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return
     others = [
-        one for one in short_list(first, run.pruned, run.settings, run.without) if not is_linear(one.effect)
+        one for one in short_list(first, run.pruned, run.settings, run.excluded) if not is_linear(one.effect)
     ]
     for one in [one for one in others if (one.effect,) != found.effects][:1]:
         rival = fits.fit(one.model, (one.effect,), found.cost)

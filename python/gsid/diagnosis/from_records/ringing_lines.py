@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.problem import linear_kind
@@ -72,7 +72,7 @@ def _structure(run: Run) -> Stack:
     if found is None:
         try:
             found = start(run.measured, output=run.stack.output, band=run.band, deadline=run.deadline)
-        except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        except (*CANNOT_FIT, OutOfTime):
             return {}
     return found.effects if found.has_model else {}
 
@@ -92,12 +92,15 @@ def _ringing(run: Run, stack: Stack) -> list[np.ndarray]:
 
 def _rings(one: Spectra, variance: np.ndarray, stack: Stack, settings: DecisionSettings) -> np.ndarray:
     found = np.zeros(len(one.line), bool)
+    if one.n_periods < 2 or one.n_spoiled:  # its noise is not that between the lines
+        return found
     for f_hz, decay_per_s in resonances(stack):
         near = np.flatnonzero(np.abs(one.f_hz - f_hz) < one.f_hz[1])
         over_between = noise_ratio(one, near, f_hz, max(decay_per_s, SLOWEST))
         peak = one.noise_y[near] / np.maximum(variance[near], np.finfo(float).tiny)
         found[near] |= over_between * np.maximum(peak, 1.0) > settings.ringing
-    return found
+    stays = one.excited & ~found if one.left_out is None else one.excited & ~found & ~one.left_out
+    return found if np.any(stays) else np.zeros_like(found)
 
 
 def resonances(stack: Stack) -> Iterator[tuple[float, float]]:

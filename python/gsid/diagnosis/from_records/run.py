@@ -87,6 +87,11 @@ class Run:
         finally:
             self.seconds[step] = self.seconds.get(step, 0.0) + time.perf_counter() - began
 
+    @property
+    def excluded(self) -> set[str]:
+        """Effects that are not tried: those left out, and those that the model has already."""
+        return {*self.without, *(effect.id for effect in self.known)}
+
     def keep(self, model: PlantModel) -> None:
         """Judge what is missing beside a fitted model."""
         self.stack = linear_only(model)

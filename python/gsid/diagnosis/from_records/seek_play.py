@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT, InputError
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
 from gsid.diagnosis.from_records.play_structures import (
@@ -61,7 +59,7 @@ def seek_play_from_data(run: Run) -> None:
         return
     try:
         found = start(run.measured, output=run.given.output, band=run.band, deadline=run.deadline)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return
     if not found.has_model:
         return
@@ -147,7 +145,7 @@ def _null_of(run: Run, structure: PlantModel, work: Deadline) -> PlantFit | None
         begin = linear_start(structure, run.measured)
         how = {"band": run.band, "max_iter": NULL_STEPS, "deadline": work, "quiet": True}
         return fit_plant(begin, run.measured, **how)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return None
 
 

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-import numpy as np
-
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.canonical import canonical_stack
 from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
@@ -52,7 +50,7 @@ def seek_stop(run: Run) -> None:
         try:
             low = _linear_part_of(run, quiet)
             fitted = None if low is None else _fitted(run, low, loud, _own_work(run))
-        except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        except (*CANNOT_FIT, OutOfTime):
             return
         if fitted is None or fitted.cost_per_dof - 1 > run.settings.less_left * (least_left(run) - 1):
             return
@@ -113,7 +111,7 @@ def _adequate(run: Run, structures: Iterable[PlantModel], quiet: Sequence[Spectr
             begin = linear_start(structure, quiet)
             how = {"band": run.band, "max_iter": STEPS, "deadline": _own_work(run), "quiet": True}
             low = fit_plant(begin, quiet, **how)
-        except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        except (*CANNOT_FIT, OutOfTime):
             continue
         if low.cost_per_dof <= run.settings.adequate:
             yield low
@@ -138,7 +136,7 @@ def _own_structure(run: Run, quiet: Sequence[Spectra]) -> PlantModel | None:
     try:
         found = start(quiet, output=run.null.model.output, band=run.band, deadline=_own_work(run))
         return canonical_stack(found.model(), run.f_lo_hz, run.settings) if found.has_model else None
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+    except (*CANNOT_FIT, OutOfTime):
         return None
 
 

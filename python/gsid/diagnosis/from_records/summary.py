@@ -56,7 +56,9 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
     found = [one.decision.effects for one in kept] or _found(run, decision)
     is_one = len(kept) + len(near) < 2 and not (rounds and rounds.has_series)
     basis = _basis(shown) if is_one else None
-    known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
+    is_whole = not (run.cut or shown.cut or run.interrupted)
+    is_like_trials = is_whole and _is_like_trials(shown, decision)
+    known = probabilities(basis) if basis and is_like_trials else None
     ranking = _ranking(shown)
     return Diagnosis(
         verdict=decision.verdict,
@@ -83,7 +85,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         linear=_as_given(run, _linear(run)),
         law_model=_as_given(run, law_model),
         without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
-        next_experiment=_next_experiment(shown),
+        next_experiment="" if run.interrupted else _next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.null else None,
         delay_hold_uncertainty_s=_fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
         remarks=[*run.notes, *_unsettled(final if kept else run.shown)],
@@ -118,9 +120,8 @@ def _is_like_trials(run: Run, decision: Decision) -> bool:
 
     That nothing is missing has a p-value instead: how often a weak effect is present no record tells.
     """
-    is_whole = not (run.cut or run.interrupted)
     in_closed_loop = run.in_closed_loop or (run.given is not None and run.given.has_controller)
-    return decision.verdict != ADEQUATE and is_whole and not (in_closed_loop or run.known)
+    return decision.verdict != ADEQUATE and not (in_closed_loop or run.known)
 
 
 def _with_probabilities(
@@ -196,11 +197,12 @@ def _next_experiment(run: Run) -> str:
     """An experiment that distinguishes the first two members of the group."""
     by_effect = {one.effects[0]: one.model for one in run.laws} | run.larger
     group = [effect for effect in run.decision.effects if effect in by_effect][:2]
-    if len(group) < 2 or run.interrupted or run.deadline.is_over:
+    if len(group) < 2 or run.deadline.is_over:
         return ""
     largest = max(run.measured, key=lambda one: float(np.linalg.norm(one.u)))
     with run.timed("next experiment"):
-        return advice(by_effect[group[0]], by_effect[group[1]], largest, (group[0], group[1]))
+        first, second = group
+        return advice(by_effect[first], by_effect[second], largest, (first, second), run.deadline)
 
 
 def _law_model(run: Run, decision: Decision) -> PlantModel | None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-import numpy as np
-
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import GsidError, InputError
+from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.effect_starts import effect_starts
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.run import Run
@@ -40,8 +38,8 @@ def unsearched_as_good(run: Run, best: Simulated, left_out: Collection[str]) -> 
 def _fitted(run: Run, fits: Simulations, effect: EffectType, to_beat: float) -> Simulated | None:
     """The best fit from the starts of `gsid add`; None without one, and then listed as not tried."""
     try:
-        starts = [] if run.deadline.is_over else effect_starts(run.null.fit, effect, run.band)
-    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
+        starts = [] if run.deadline.is_over else effect_starts(run.null.fit, effect, run.band, run.deadline)
+    except (*CANNOT_FIT, OutOfTime):
         starts = []
     if not starts:
         fits.not_tried[effect.id] = "the time was over" if run.deadline.is_over else "no start was found"

@@ -360,8 +360,20 @@ def refine_shape(scan: Scan, one: Candidate, error: np.ndarray) -> None:
 def _simplex(
     gain: Callable[[np.ndarray], float], bracket: np.ndarray, best: tuple[np.ndarray, float], steps: int
 ) -> tuple[np.ndarray, float]:
-    """Largest gain inside a bracket, whose size is the unit of each value."""
+    """Largest gain inside a bracket, whose size is the unit of each value; one without neighbours stays."""
     low, size = bracket[:, 0], np.ptp(bracket, axis=1)
+    if not np.all(size > 0):
+        free = np.flatnonzero(size > 0)
+        if not len(free):
+            return best
+
+        def along(x: np.ndarray) -> np.ndarray:
+            shape = best[0].copy()
+            shape[free] = x
+            return shape
+
+        x, most = _simplex(lambda x: gain(along(x)), bracket[free], (best[0][free], best[1]), steps)
+        return along(x), most
     start = (best[0] - low) / size
     towards = np.where(start < 0.5, 0.3, -0.3)  # into the bracket
     found = minimize(

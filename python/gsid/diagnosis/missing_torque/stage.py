@@ -366,8 +366,11 @@ def _hold(problem: Problem, measured: Sequence[Spectra]) -> str | None:
 
 
 def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str]) -> _Fitted:
-    """The same with weights of noise and of what the best law leaves, renewed with it."""
-    settings, null, best = one.problem.settings, one.null, one.best
+    """The same with weights of noise and of what the best law leaves, renewed with it.
+
+    If no law can be fitted with new weights, the last ones stay.
+    """
+    settings, null, best, latest = one.problem.settings, one.null, one.best, one
     problem, refitted, candidates = one.problem, [], one.candidates
     for _ in range(1 + settings.passes):
         problem = one.problem.with_model_error(best.fit.part, problem.lines_of(best.fit.error))
@@ -379,25 +382,31 @@ def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str])
             scanned = _scanned(problem, null, moved, model, without)
             _add_starts(scanned, null, one.values)
             candidates = [known.get(each.name, each) for each in scanned]
-            refitted = _refitted(problem, null, moved, _chosen(problem, null, candidates), one.given)
+            try:
+                refitted = _refitted(problem, null, moved, _chosen(problem, null, candidates), one.given)
+            except InputError:
+                return latest
         else:
             for each in refitted:
                 refit(problem, null, each, moved, one.given)
             refitted = [each for each in refitted if each.fit is not None]
+            if not refitted:
+                return latest
         misfit = _misfit(problem, null)
         best = choose(refitted, misfit, settings)
+        latest = replace(
+            one,
+            problem=problem,
+            null=null,
+            moved=moved,
+            candidates=candidates,
+            refitted=refitted,
+            misfit=misfit,
+            best=best,
+        )
         if abs(best.fit.cost_per_dof - 1) < settings.renewed:
             break
-    return replace(
-        one,
-        problem=problem,
-        null=null,
-        moved=moved,
-        candidates=candidates,
-        refitted=refitted,
-        misfit=misfit,
-        best=best,
-    )
+    return latest
 
 
 HOLD = next(effect.id for effect in effect_types().values() if effect.linear_part == "hold")
