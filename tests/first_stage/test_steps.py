@@ -248,17 +248,17 @@ def simulated(n_records=4, cost_left=0.0, slope=1.0, error=0.3, seed=1, periods=
 
 def test_a_fit_whose_next_step_is_below_noise_or_a_thousandth_has_converged():
     at_rest = simulated()
-    assert has_converged(at_rest)
+    assert has_converged(at_rest, DEFAULTS)
     size = np.sum(at_rest.jacobian**2)
     before, beyond = (simulated(cost_left=np.sqrt(drop / size)) for drop in (0.9, 1.1))
-    assert has_converged(before)
-    assert not has_converged(beyond)
+    assert has_converged(before, DEFAULTS)
+    assert not has_converged(beyond, DEFAULTS)
     beyond.converged = True
-    assert has_converged(beyond)
+    assert has_converged(beyond, DEFAULTS)
     large = simulated(error=100.0)
     drop = np.sqrt(0.9e-3 * large.cost / size), np.sqrt(1.2e-3 * large.cost / size)
-    assert has_converged(simulated(error=100.0, cost_left=drop[0]))
-    assert not has_converged(simulated(error=100.0, cost_left=drop[1]))
+    assert has_converged(simulated(error=100.0, cost_left=drop[0]), DEFAULTS)
+    assert not has_converged(simulated(error=100.0, cost_left=drop[1]), DEFAULTS)
 
 
 def test_the_kept_out_cost_is_that_of_records_left_out_and_fitted_again():

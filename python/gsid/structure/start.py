@@ -16,6 +16,7 @@ from gsid.base.hold import ALIKE, DECLARE, MEANING, READINGS, likelier, other_re
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
 from gsid.base.threads import with_one_thread_for_algebra
+from gsid.effects.types import find
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
@@ -175,8 +176,6 @@ class Start(Plottable):
 
     def table(self) -> Table:
         """Values with their standard deviations, and those by the noise only."""
-        from gsid.effects.types import find
-
         unit_of_angle = self.measured.y_unit.partition("/")[0] or "deg"
         rows, more = [], []
         if self.inertia_kg_m2 is not None:

@@ -300,9 +300,14 @@ class Simulations:
                 if fit is None:
                     raise
                 break
-            if has_converged(fit) or fit.unsettled or deadline.is_over or deadline.moves_left == 0:
+            if (
+                has_converged(fit, self.settings)
+                or fit.unsettled
+                or deadline.is_over
+                or deadline.moves_left == 0
+            ):
                 break
-            if before - fit.cost < max(self.settings.stalled, 1e-4 * fit.cost):
+            if before - fit.cost < max(self.settings.stalled, self.settings.stalled_share * fit.cost):
                 return fit, True
             behind = 0.0 if to_beat is None else before - to_beat
             if behind > 0 and before - fit.cost < self.settings.hopeless * behind:
@@ -311,12 +316,13 @@ class Simulations:
         return fit, False
 
 
-def has_converged(fit: PlantFit) -> bool:
+def has_converged(fit: PlantFit, settings: DecisionSettings) -> bool:
     """Whether a further step is predicted to lower the cost by less than a thousandth, or than noise.
 
     Parameters
     ----------
     fit : PlantFit
+    settings : DecisionSettings
     """
     if fit.converged:
         return True
@@ -324,7 +330,7 @@ def has_converged(fit: PlantFit) -> bool:
     size = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(size > 0, size, 1.0)
     change = scaled @ np.linalg.lstsq(scaled, residual, rcond=1e-7)[0]
-    return float(change @ change) < max(1e-3 * fit.cost, 1.0)
+    return float(change @ change) < max(settings.step_share * fit.cost, settings.step_left)
 
 
 def judged(
@@ -358,7 +364,7 @@ def judged(
     errors = np.array([np.sqrt(np.maximum(one / size**2, 0.0))[chosen] for one in left.variances])
     scatter, noise = _scatter(alone, errors, values)
     weighed = None if factors is None else _linearised_cost(parts)
-    return Simulated(effects, fit, has_converged(fit), left.kept, scatter, noise, weighed=weighed)
+    return Simulated(effects, fit, has_converged(fit, settings), left.kept, scatter, noise, weighed=weighed)
 
 
 def mean_square(errors: Sequence[np.ndarray]) -> float:

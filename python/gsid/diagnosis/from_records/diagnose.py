@@ -1,12 +1,17 @@
 """Diagnosis from the records alone: from the samples to the name of the missing effect.
 
-1. The linear structure is taken from the data (`gsid.start`), or from a given model.
+1. The linear structure is taken from the data (`gsid.start`), or from a given model. A fan between the lines
+   is subtracted.
 2. The laws are judged on a canonical stack by the first stage; linear effects that are missing enter the
-   stack first.
+   stack first. Where more than noise is left, lines on which noise rings are left out.
 3. The winner, its relatives and the best law of another family are fitted by simulation.
-4. If no law explains a clear misfit, play between motor and load is tried beside simpler structures.
+4. If no law is named: stops that only the high level reaches, then play between motor and load.
 5. A law is named if these fits confirm it; otherwise it is the nearest, or unknown.
-6. If a law is named, its part of the output is subtracted and the linear structure is found again.
+6. If a law is named, elements that may be zero are dropped, or its part of the output is subtracted and the
+   linear structure is found again.
+7. With a given model: further effects, one round each; whether each is missing under both assumptions of the
+   hold. Else the likelier hold is taken.
+8. Values with equal weights where more than noise is left, and larger laws that are not excluded.
 """
 
 from __future__ import annotations

@@ -23,8 +23,6 @@ from gsid.plant.model import PlantModel
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
-MANY_SHAPES = 3  # parameters of a law that has laws of other families as limits
-SPARE = 2  # numbers of a line beyond the parameters: with fewer a law fits a disturbance by chance
 
 
 def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSettings) -> list[str]:
@@ -40,7 +38,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     """
     found, line = [], strongest_line(null, fit)
     n = len(find(effect).parameters)
-    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings.p_left):
+    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings):
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
@@ -58,7 +56,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     found += [
         f"The data do not determine {name} ({param.value:.2g} +- {_std(param):.2g}):"
         " at a limit of its shapes a law may be another one."
-        for name, param in _undetermined(fit, effect).items()
+        for name, param in _undetermined(fit, effect, settings).items()
     ]
     return found
 
@@ -85,7 +83,7 @@ class StrongestLine:
     n_lines: int
     elsewhere: float
 
-    def may_be_disturbance(self, n_parameters: int, p_least: float) -> bool:
+    def may_be_disturbance(self, n_parameters: int, settings: DecisionSettings) -> bool:
         """Whether the line is not explained in all records, or in so few that any law could: a law answers
         to the command of each.
 
@@ -93,12 +91,11 @@ class StrongestLine:
         ----------
         n_parameters : int
             Of the law.
-        p_least : float
-            p-value of what is left on the line, below which it is more than noise.
+        settings : DecisionSettings
         """
         n = 2 * self.n_lines
-        is_chance = self.n_records < 2 or n - n_parameters < SPARE
-        return is_chance or float(special.chdtrc(n, self.after)) < p_least
+        is_chance = self.n_records < 2 or n - n_parameters < settings.spare
+        return is_chance or float(special.chdtrc(n, self.after)) < settings.p_left
 
 
 def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
@@ -210,13 +207,13 @@ def _std_at_its_width(model: PlantModel, mode: str) -> float:
     return float(size[2] / math.sqrt(max(inverse[2, 2], 1.0)))
 
 
-def _undetermined(fit: PlantFit, effect: str) -> dict[str, Param]:
+def _undetermined(fit: PlantFit, effect: str, settings: DecisionSettings) -> dict[str, Param]:
     """Positive parameters of a law of many shapes that are within a standard deviation of zero.
 
     A mode without damping is a mode all the same.
     """
     kind = find(effect)
-    if len(kind.parameters) < MANY_SHAPES or kind.linear_part == "mode":
+    if len(kind.parameters) < settings.many_shapes or kind.linear_part == "mode":
         return {}
     (params,) = [one.params for label, one in fit.model.labels() if label == label_of(fit.model, effect)]
     positive = {f"{effect}.{name}": param for name, param in params.items() if kind[name].lower >= 0}

@@ -128,7 +128,8 @@ class Diagnosis(Plottable):
     remarks : list of str
         What was not named because of the hold, and what more is left.
     basis : Basis or None
-        Numbers of the best law; None for a first draft, where nothing is missing, and with several effects.
+        Numbers of the best law, also if nothing is missing; None if no law was fitted and the verdict is not
+        "unknown_effect", and with several effects.
     probabilities : Probabilities or None
         Of the best law, of the other laws, and of none of the catalogue, calibrated on simulated trials. None
         without a basis, if nothing is missing, if the time was over, in a closed loop, and beside laws of a

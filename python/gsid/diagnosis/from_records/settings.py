@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsid.diagnosis.missing_torque.settings import SearchSettings
+
 
 @dataclass(frozen=True)
 class DecisionSettings:
@@ -81,8 +83,11 @@ class DecisionSettings:
         Laws of other families that are fitted by simulation.
     members : int
         Further laws of the winner's family that are fitted by simulation.
-    stalled : float
-        A fit is given up if a slice lowers its cost by less [noise units], or by less than 1e-4 of it.
+    stalled, stalled_share : float
+        A fit is given up if a slice lowers its cost by less [noise units], and by less than a share of it.
+    step_left, step_share : float
+        Fall of the cost that is predicted for a further step [noise units], or as a share of the cost, below
+        which a fit has converged: noise varies the cost by more, and an error of the model hides the share.
     unsettled : float
         Largest change of a simulated output from period to period, over its rms.
     hopeless : float
@@ -134,6 +139,10 @@ class DecisionSettings:
     zeta_of_mode : float
         Damping ratio from which a mode may stand for something else: the modes of stiff structures have 0.003
         to 0.05, those that stood for a joint with play 0.2 to 1.6, one that stood for a lag 0.3.
+    many_shapes : int
+        Parameters from which a law has laws of other families as limits.
+    spare : int
+        Numbers of a line beyond the parameters of a law: with fewer, a law fits a disturbance by chance.
     nonlinear_share : float
         Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
         linear response: 33 right laws with small drops had 0.43 and more; Bouc-Wen friction in place of a
@@ -173,7 +182,7 @@ class DecisionSettings:
     strayed: float = 3.0
     low_mode: float = 4.0
     merged_cost: float = 10.0
-    much_left: float = 3.0
+    much_left: float = SearchSettings.model_error
     less_left: float = 0.5
     ringing: float = 4.0
     loop_error: float = 0.02
@@ -200,6 +209,9 @@ class DecisionSettings:
     rivals: int = 1
     members: int = 2
     stalled: float = 0.5
+    stalled_share: float = 1e-4
+    step_left: float = 1.0
+    step_share: float = 1e-3
     unsettled: float = 1e-3
     hopeless: float = 0.25
     p_least: float = 1e-4
@@ -208,23 +220,25 @@ class DecisionSettings:
     copies_most: int = 2
     p_copies: float = 0.01
     null_gain: float = 25.0
-    null_cost: float = 1.1
+    null_cost: float = SearchSettings.null_cost
     null_spread: float = 3.0
-    named_share: float = 0.9
-    named_margin: float = 6.0
-    linear_share: float = 0.995
-    named_lead: float = 100.0
+    named_share: float = SearchSettings.named_share
+    named_margin: float = SearchSettings.named_margin
+    linear_share: float = SearchSettings.exact_share
+    named_lead: float = SearchSettings.named_lead
     linear_drop: float = 40.0
     linear_odds: float = 1000.0
-    nearest_share: float = 0.5
-    nearest_scatter: float = 0.3
-    periods_least: int = 6
+    nearest_share: float = SearchSettings.nearest_share
+    nearest_scatter: float = SearchSettings.nearest_scatter
+    periods_least: int = SearchSettings.periods_least
     clear_misfit: float = 10.0
     zeta_of_mode: float = 0.1
+    many_shapes: int = 3
+    spare: int = 2
     nonlinear_share: float = 0.1
     far_structure: float = 7.0
-    named_scatter: float = 0.06
-    scatter_errors: float = 2.5
+    named_scatter: float = SearchSettings.named_scatter
+    scatter_errors: float = SearchSettings.scatter_errors
     shape_scatter: float = 1.0
     worse: float = 12.0
     clearly_worse: float = 25.0

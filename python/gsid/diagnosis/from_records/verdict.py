@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gsid.diagnosis.from_records.confirm import Simulated
-from gsid.diagnosis.from_records.doubts import MANY_SHAPES
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -121,7 +120,7 @@ def is_undetermined_alone(one: Simulated, settings: DecisionSettings) -> bool:
     one : Simulated
     settings : DecisionSettings
     """
-    has_many_shapes = n_parameters(one) >= MANY_SHAPES and not is_linear(one.effects[0])
+    has_many_shapes = n_parameters(one) >= settings.many_shapes and not is_linear(one.effects[0])
     return has_many_shapes and one.scatter > settings.shape_scatter
 
 

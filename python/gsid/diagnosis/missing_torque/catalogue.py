@@ -90,7 +90,7 @@ def enlarged_laws(of_family: str) -> list[Law]:
     of_family : str
     """
     return [
-        Law(expression(text, {COEFFICIENT: 0.0}), text, of_family, enlarges=effect.id)
+        Law(expression(text, {COEFFICIENT: 0.0}), text, of_family)
         for effect in catalogue().values()
         if family(effect) == of_family
         for text in effect.enlarged

@@ -37,8 +37,6 @@ class Law:
     family : str
         Laws of one family are easily taken for each other: "dry friction", "drag", "position", "command",
         "spring", "damping", "mode" or "lag".
-    enlarges : str
-        Id of the law whose rival from outside the catalogue this is; "" for one of the catalogue.
     own_phases : int
         Number of records that have a phase of their own each, where the mean angle is not known; 0: one
         phase.
@@ -47,7 +45,6 @@ class Law:
     effect: EffectType
     name: str
     family: str
-    enlarges: str = ""
     own_phases: int = 0
 
     @property
