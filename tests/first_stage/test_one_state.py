@@ -82,6 +82,25 @@ def test_bug_effects_that_were_only_nearest_stayed_in_the_model():
     assert rounds.joint.model is with_mode
 
 
+@pytest.mark.parametrize("is_same", [True, False])
+def test_bug_without_work_for_a_last_fit_the_model_was_one_of_other_effects(is_same):
+    """The fit beside the last of two nearest effects contains the other, or lacks the one that is named."""
+    given = SimpleNamespace(decision=Decision(MISSING, (LAW,)), settings=DEFAULTS)
+    given.deadline, given.final = Deadline(), fit_of(LAW)
+    given.simulations = lambda: Simulations([], None)
+    rounds = Rounds(given)
+    body = {"effect": "rigid_body", "params": {"gain": 1.0}}
+    friction = {"effect": LAW, "params": {"level": 1.0}}
+    mode = {"effect": "flexible_mode", "params": {"f_hz": 100.0, "zeta": 0.01, "residue": 0.1}}
+    whole, beside = (
+        gsid.PlantModel.from_dict({"gsid_model": 1, "fs_hz": 1000.0, "effects": effects})
+        for effects in ([body, friction, mode], [body, friction] if is_same else [body])
+    )
+    rounds.near = [SimpleNamespace(final=fit_of("flexible_mode"), null=fit_of(model=beside))]
+    rounds.fit_named(fit_of(model=whole))
+    assert rounds.final.model is (beside if is_same else whole)
+
+
 @dataclass
 class Simulations:
     """Stands for the fits by simulation: keeps the model it is asked for."""

@@ -225,7 +225,7 @@ class Simulations:
         given : PlantModel
             The model before any fit.
         beaten : float
-            Least cost of the other laws.
+            Cost to fall below: the least of the other laws, or half of it without a given model.
         pruned : callable
             As `short_list`.
         deadline : Deadline, optional
@@ -300,12 +300,8 @@ class Simulations:
                 if fit is None:
                     raise
                 break
-            if (
-                has_converged(fit, self.settings)
-                or fit.unsettled
-                or deadline.is_over
-                or deadline.moves_left == 0
-            ):
+            is_used_up = deadline.is_over or deadline.moves_left == 0
+            if has_converged(fit, self.settings) or fit.unsettled or is_used_up:
                 break
             if before - fit.cost < max(self.settings.stalled, self.settings.stalled_share * fit.cost):
                 return fit, True

@@ -100,8 +100,16 @@ def label_of(model: PlantModel, effect: str) -> str:
     ----------
     model : PlantModel
     effect : str
+
+    Raises
+    ------
+    KeyError
+        The model does not have it.
     """
-    return next(label for label, one in reversed(list(model.labels())) if one.id == effect)
+    for label, one in reversed(list(model.labels())):
+        if one.id == effect:
+            return label
+    raise KeyError(effect)
 
 
 def without(model: PlantModel, effects: Sequence[str]) -> PlantModel:

@@ -72,7 +72,7 @@ def fit_play(
     band : (lo, hi) or None
         Hz.
     beaten : float
-        Least cost of the other laws.
+        Cost that play has to fall below.
     deadline : Deadline
     pruned : callable
         Removes elements of a stack that became zero: a lag of zero makes the simulation stiff.

@@ -178,6 +178,9 @@ class Rounds:
     def fit_named(self, final: Simulated) -> None:
         """The fit of the effects that are named, without those that are only the nearest; in place.
 
+        If there is no work left for it: the one beside the nearest, if it is of these effects, else that with
+        all of them.
+
         Parameters
         ----------
         final : Simulated
@@ -189,7 +192,9 @@ class Rounds:
             work = self.first.deadline.bounded(self.settings.moves_of_fit)  # the rounds used theirs
             fits = replace(self.first.simulations(), deadline=work)
             names = [one.final.effects[0] for one in self.near]
-            final = fits.fit(without(final.model, names), last.final.effects) or self.near[-1].null
+            named = without(final.model, names)
+            beside = (one.null for one in self.near if one.null and _same_effects(one.null.model, named))
+            final = fits.fit(named, last.final.effects) or next(beside, final)
         last.final = replace(final, effects=last.final.effects)
 
     def _reviewed(self, taken: list[Run]) -> Review | None:
@@ -270,6 +275,10 @@ def _judged_again(before: Run, model: PlantModel) -> Run | None:
     if again is None or again.null is None or again.decision.verdict != UNKNOWN:
         return again
     return judged(before, again.null.model, again.null)
+
+
+def _same_effects(one: PlantModel, other: PlantModel) -> bool:
+    return sorted(effect.id for effect in one.effects) == sorted(effect.id for effect in other.effects)
 
 
 def _is_near(run: Run) -> bool:

@@ -135,7 +135,8 @@ class DecisionSettings:
     clear_misfit : float
         Cost per degree of freedom of the linear part above which fewer periods are enough. Thirds of the
         lines are left out then; the periods only show how large the noise is, and the misfit is far above it.
-        The same of the best law, above which play is tried though a joint does not improve the response.
+        The same of the cost that play has to fall below, above which play is tried though a joint does not
+        improve the response.
     zeta_of_mode : float
         Damping ratio from which a mode may stand for something else: the modes of stiff structures have 0.003
         to 0.05, those that stood for a joint with play 0.2 to 1.6, one that stood for a lag 0.3.
