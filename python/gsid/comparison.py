@@ -32,6 +32,7 @@ from gsid.greybox.weights import lines_used
 from gsid.models.misfit import Errors
 from gsid.models.rational import half_of
 from gsid.models.sample_rate import at_rate_of
+from gsid.plant.mean_input import with_mean_input
 from gsid.plant.model import PlantModel, transport_delay_s
 from gsid.plant.units import check_units
 from gsid.spectrum.pooling import for_weights
@@ -452,6 +453,7 @@ def _lines(
 ) -> _Lines:
     check_units(model, s)
     if isinstance(model, PlantModel):
+        (s,) = with_mean_input([s], model)
         use = lines_used(model, s, band)
     else:
         model = at_rate_of(model, s)

@@ -518,7 +518,7 @@ def test_a_hidden_mode_is_what_a_fit_with_play_leaves(hidden_mode, is_in):
     """None where the model has it: noise is no mode."""
     records, plant, mode = hidden_mode
     begin = plant.with_effect("flexible_mode", mode) if is_in else plant
-    found = play.with_hidden_mode(gsid.fit_plant(begin, records, max_iter=4))
+    found = play.with_hidden_mode(gsid.fit_plant(begin, records, max_iter=4), DEFAULTS.search)
     if is_in:
         assert found is None
         return

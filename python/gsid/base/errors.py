@@ -5,8 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-import numpy as np
-
 
 class GsidError(RuntimeError):
     """The C library refused a call or failed.
@@ -73,10 +71,6 @@ class InputError(ValueError):
 
 class NotPeriodicError(InputError):
     """The input of a record is not periodic."""
-
-
-CANNOT_FIT = (GsidError, InputError, np.linalg.LinAlgError)
-"""A model cannot be simulated or fitted with these values: what a trial fit may end with."""
 
 
 def _note(error: Exception, hint: str) -> None:

@@ -33,8 +33,7 @@ OF_RATIONAL_MODELS = {
 
 def fit_stack(request: FitRequest) -> None:
     """Fit the stack of effects of a model file, and write and print the result."""
-    from gsid.greybox.fit import fit_plant
-    from gsid.greybox.linear_start import linear_start
+    from gsid.greybox.better_start import fit_from_better_start
     from gsid.models.load import load_plant
     from gsid.spectrum.realisation import spectra
 
@@ -53,7 +52,7 @@ def fit_stack(request: FitRequest) -> None:
             start, measured = in_closed_loop(start, records, request.reference)
         else:
             measured = [spectra(record) for record in records]
-        found = fit_plant(linear_start(start, measured), measured, band=request.band, method=request.method)
+        found = fit_from_better_start(start, measured, band=request.band, method=request.method)
     if request.output:
         found.model.save(request.output)
         print_message(f"wrote {request.output}")

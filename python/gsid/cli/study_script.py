@@ -300,13 +300,13 @@ def _fit_stack(writer: _Writer, values: _Values) -> set[str]:
     records = writer.records(values)
     writer.lines += [
         f"measured = [gsid.spectra(record) for record in {records}]",
-        f"begin = linear_start(load_plant({values['model_path']!r}), measured)",
-        f"found = gsid.fit_plant(begin, measured{values.keywords(band='band', method='method')})",
+        f"given = load_plant({values['model_path']!r})",
+        f"found = fit_from_better_start(given, measured{values.keywords(band='band', method='method')})",
         "print(found)",
         f"found.model.save({values['output']!r})",
     ]
     return {
-        "from gsid.greybox.linear_start import linear_start",
+        "from gsid.greybox.better_start import fit_from_better_start",
         "from gsid.models.load import load_plant",
     }
 

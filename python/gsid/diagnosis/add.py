@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gsid.base.errors import CANNOT_FIT, GsidError, InputError, close
+from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import likelier, other_reading
 from gsid.base.tables import paragraphs
 from gsid.comparison import Comparison, compare
@@ -27,7 +27,8 @@ from gsid.diagnosis.effect_starts import effect_starts, fixed_parameters
 from gsid.diagnosis.error_fall import fall_p_value
 from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
 from gsid.effects.types import EffectType, find
-from gsid.greybox.fit import PlantFit, as_assumed, fit_plant, require_motion
+from gsid.greybox.better_start import fit_from_better_start
+from gsid.greybox.fit import CANNOT_FIT, PlantFit, as_assumed, fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import same_level
 from gsid.models.hold import facts_of
@@ -167,8 +168,8 @@ def add(
     kept = None if held_out is None else spectra_of(held_out)
     split = _split(spectra_of(records), kept, used_records(model))
     on_step("fitting the given model")
-    start = model if model.fit is not None else linear_start(model, split.fitted)
-    before = fit_plant(start, split.fitted, band=band)
+    first = fit_plant if model.fit is not None else fit_from_better_start
+    before = first(model, split.fitted, band=band)
     require_motion(before)
     data = _read(split, before.hold) if before.hold_assumed else split
     after = _best_fit(before, known, _starts(before, known, params, band), data.fitted, band, on_step)
@@ -268,7 +269,7 @@ def with_history(
     rank = {effect: i for i, effect in reversed(list(enumerate(order)))}
     steps.sort(key=lambda place: rank.get(found.effects[place].id, len(order)))
     # Start like `diagnose`: the values found are biased for a model without the effects added later.
-    model, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
+    model, before = copy.deepcopy(found), fit_from_better_start(given, fitted, band=band)
     model.history, previous = copy.deepcopy(given.history), undo_state(given)
     for i, place in enumerate(steps):
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)

@@ -19,16 +19,18 @@ from typing import Any
 import numpy as np
 
 from gsid.base.deadline import Deadline
-from gsid.base.errors import InputError
+from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
 from gsid.base.tables import paragraphs
 from gsid.base.threads import n_threads, with_one_thread_for_algebra
+from gsid.greybox.linear_start import linear_start
 from gsid.greybox.problem import METHODS, SOLVERS, Minimum, Problem
 from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import whiten
 from gsid.models.misfit import Errors, misfit
 from gsid.plant.effect import Param
+from gsid.plant.mean_input import with_mean_input
 from gsid.plant.model import PlantModel, check_plant, transport_delay_s
 from gsid.plant.periodic import Prediction
 from gsid.records.record import Record
@@ -42,6 +44,10 @@ COST_MEANS = {
     "ml": "1 when only noise is left",
     "nls-output": "in units of the noise; a correct model may have more than 1",
 }
+
+
+CANNOT_FIT = (GsidError, InputError, np.linalg.LinAlgError)
+"""A model cannot be simulated or fitted with these values: what a trial fit may end with."""
 
 
 @dataclass(eq=False)
@@ -399,6 +405,8 @@ def fit_plant(
     start = copy.deepcopy(model)
     for name in fixed:
         start[name].free = False
+    if not all(one.input_repeats for one in measured):
+        measured = with_mean_input(measured, linear_start(start, measured))
     deadline = deadline or Deadline()
     problem = Problem(start, measured, band, tuple(per_record), deadline)
     with ThreadPoolExecutor(n_threads(len(measured))) as pool:

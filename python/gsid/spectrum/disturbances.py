@@ -18,7 +18,6 @@ from gsid.spectrum.tones import GUARD, Tone, find_tones
 ALPHA = 1e-4  # false-alarm rate of a record: a false sine costs a line or two, a missed weak one nothing
 LOWEST = 1.5  # lowest frequency of a sine [lines]: below it, a drift of the output is taken for one
 ABOVE_BAND = 1.25  # highest frequency of a sine over that of an excited line; a lower rate takes less time
-ROUNDING = 1e-9  # of the largest line of the input
 
 
 def find_disturbances(one: Spectra) -> list[Tone]:
@@ -35,7 +34,7 @@ def find_disturbances(one: Spectra) -> list[Tone]:
         the periods: in a closed loop it contains the disturbance too. Empty also if no excited line would be
         left beside them.
     """
-    if one.n_periods < 2 or one.n_spoiled or not _repeats(one.U):
+    if one.n_periods < 2 or one.n_spoiled or not one.input_repeats:
         return []
     highest = min(int(ABOVE_BAND * np.flatnonzero(one.excited)[-1]) + 1, len(one.line) - 1)
     n = min(2 * (highest + 1), one.period_samples)  # samples of a period at a lower rate
@@ -80,10 +79,6 @@ def without_lines_beside(one: Spectra, tones: Sequence[Tone]) -> Spectra:
         return one
     left_out = beside if one.left_out is None else beside | one.left_out
     return replace(one, left_out=left_out, excited=one.excited & ~beside)
-
-
-def _repeats(u: np.ndarray) -> bool:
-    return bool(np.max(np.abs(u - u[0])) <= ROUNDING * np.max(np.abs(u)))
 
 
 def _resampled(bins: np.ndarray, n: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from gsid.spectrum.lines import covariance, sample_variance, variance_between_li
 
 CONSTANT = 1e-13  # largest line of a constant output over its mean, due to rounding
 DIGEST_LENGTH = 16  # hexadecimal digits
+ROUNDING = 1e-9  # of the largest line of the input
 
 
 @dataclass(repr=False)
@@ -75,6 +76,11 @@ class Spectra:
     def n_periods(self) -> int:
         """Good periods P."""
         return len(self.U)
+
+    @property
+    def input_repeats(self) -> bool:
+        """Whether the input is the same in all periods, to within 1e-9 of its largest line."""
+        return bool(np.max(np.abs(self.U - self.U[0])) <= ROUNDING * np.max(np.abs(self.U)))
 
     @property
     def u(self) -> np.ndarray:

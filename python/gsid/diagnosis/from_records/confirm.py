@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.play import (
     DOUBTFUL,
@@ -19,7 +18,7 @@ from gsid.diagnosis.from_records.play import (
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.leave_out import leave_out
-from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
+from gsid.greybox.fit import CANNOT_FIT, PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -251,7 +250,7 @@ class Simulations:
             Cost of the fit without play.
         deadline : Deadline
         """
-        model = None if self.deadline.is_over else with_hidden_mode(found.fit)
+        model = None if self.deadline.is_over else with_hidden_mode(found.fit, self.settings.search)
         if model is None:
             return None
         self.on_step(f"fitting {BACKLASH} and a mode by simulation")

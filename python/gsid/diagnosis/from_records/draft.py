@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits, fit_null
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage, in_time
 from gsid.effects.types import find
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, is_open, read_as
@@ -77,7 +76,7 @@ def draft(
     """
     added: list[tuple[str, ...]] = []
     how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
-    how |= {"along": along, "known": {} if known is None else known}
+    how |= {"along": along, "known": {} if known is None else known, "settings": settings.search}
     stage = first_stage(measured, model, **how)
     by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
     if not from_data and by_effects and _is_doubtful(stage, model, settings) and not deadline.is_over:
@@ -151,6 +150,7 @@ def null_cost(
     band: tuple[float, float] | None,
     deadline: Deadline,
     known: KnownFits,
+    settings: DecisionSettings,
 ) -> float:
     """Cost per degree of freedom of a linear stack alone, under the likelier hold.
 
@@ -163,9 +163,11 @@ def null_cost(
     deadline : Deadline
     known : dict
         Fits that were made before with these records and this band; in place.
+    settings : DecisionSettings
     """
     readings = READINGS if is_open(measured) else READINGS[:1]
-    problems = [Problem(model, read_as(measured, reading), band, DEFAULTS, deadline) for reading in readings]
+    how = band, settings.search, deadline
+    problems = [Problem(model, read_as(measured, reading), *how) for reading in readings]
     return min(fit_null(problem, linear_part(model), known=known).cost_per_dof for problem in problems)
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.ripple import remaining_ripple
 from gsid.diagnosis.from_records.run import Run
-from gsid.greybox.fit import fit_plant
+from gsid.greybox.fit import CANNOT_FIT, fit_plant
 from gsid.plant.linear_response import BACKLASH
 
 

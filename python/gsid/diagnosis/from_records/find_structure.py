@@ -23,9 +23,11 @@ from gsid.diagnosis.from_records.verdict import (
     Decision,
 )
 from gsid.effects.types import catalogue
-from gsid.greybox.fit import fit_plant, require_motion
+from gsid.greybox.better_start import fit_from_better_start
+from gsid.greybox.fit import require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import has_common_zero
+from gsid.plant.mean_input import with_mean_input
 from gsid.plant.model import PlantModel
 from gsid.plant.units import TRAVELS, check_plant_units
 from gsid.records.clipping import clipped_text
@@ -91,7 +93,10 @@ def find_structure(
         run.measured = run.judged = without_wrong_unit(run.measured, run.stack)
         run.by_reference = without_wrong_unit(run.by_reference, run.stack)
         if run.in_closed_loop:
-            run.measured = run.judged = without_noise_of_input(run.measured, run.stack, run.band)
+            how = run.stack, run.band, run.settings
+            run.measured = run.judged = without_noise_of_input(run.measured, *how)
+        else:
+            run.measured = run.judged = with_mean_input(run.measured, run.start.model())
         _keep_resonances(run)
         _note_laws_of_turning(run)
 
@@ -128,7 +133,7 @@ def _keep_resonances(run: Run) -> None:
         return
     with_modes = canonical_stack(found, run.f_lo_hz, run.settings, merged=False)
     costs = [
-        null_cost(run.measured, each, run.band, run.deadline, run.known_fits)
+        null_cost(run.measured, each, run.band, run.deadline, run.known_fits, run.settings)
         for each in (run.stack, with_modes)
     ]
     if costs[0] > run.settings.merged_cost * costs[1]:
@@ -146,11 +151,14 @@ def _take(run: Run, model: PlantModel) -> None:
     model = with_mode_limits(model)
     run.stack, run.judged = linear_only(model), run.measured
     run.hold_assumed = run.hold_assumed and not model.has_controller
+    if not all(one.input_repeats for one in run.measured):
+        near = linear_start(run.stack, run.measured)
+        run.measured = run.judged = with_mean_input(run.measured, near)
     laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
     if laws:
         run.on_step("fitting the given model by simulation")
-        model = linear_start(model, run.measured)
-        fitted = fit_plant(model, run.measured, band=run.band, deadline=run.deadline, quiet=True)
+        how = {"band": run.band, "deadline": run.deadline, "quiet": True}
+        fitted = fit_from_better_start(model, run.measured, **how)
         require_motion(fitted)
         run.measured = read_as(run.measured, fitted.hold) if fitted.hold_assumed else run.measured
         run.keep(fitted.model)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.law_part import missing_torque, without
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.torque_residual import Curve
 from gsid.effects.types import find
+from gsid.greybox.fit import CANNOT_FIT
 
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
@@ -25,6 +24,7 @@ from gsid.diagnosis.from_records.working_point import (
 )
 from gsid.effects.ids import BIAS, CUBIC, SPRING, STOP, UNBALANCE
 from gsid.effects.types import find
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 
@@ -248,7 +248,8 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
     if STOP in {*run.without, *known} or not is_of_angle or run.deadline.is_over:
         return
     try:
-        start = shifted_stop(run.null.model, run.measured, run.band, run.deadline)
+        how = run.band, run.settings.search, run.deadline
+        start = shifted_stop(run.null.model, run.measured, *how)
     except (*CANNOT_FIT, OutOfTime):
         return
     _try_in_place(run, fits, start, STOP, best)

@@ -15,7 +15,6 @@ import numpy as np
 from gsid._lib import lib
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
@@ -86,7 +85,10 @@ def _fitted(
 
 
 def without_noise_of_input(
-    measured: Sequence[Spectra], model: PlantModel, band: tuple[float, float] | None
+    measured: Sequence[Spectra],
+    model: PlantModel,
+    band: tuple[float, float] | None,
+    settings: DecisionSettings,
 ) -> list[Spectra]:
     """Records without the response to what the input of each period has beside the mean of all periods.
 
@@ -101,8 +103,9 @@ def without_noise_of_input(
         Linear.
     band : (lo, hi) or None
         Hz.
+    settings : DecisionSettings
     """
-    problem = Problem(model, measured, band, DEFAULTS)
+    problem = Problem(model, measured, band, settings.search)
     responses = problem.responses(linear_part(model))
     found = []
     for one, lines in zip(measured, problem.records, strict=True):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.canonical import insignificant
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, without_laws
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import MISSING
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.linear_response import BACKLASH
 from gsid.structure.start import start
 

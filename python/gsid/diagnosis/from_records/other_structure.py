@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import draft, is_linear
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.model import PlantModel
 
 

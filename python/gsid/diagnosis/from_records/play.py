@@ -17,7 +17,7 @@ from gsid.diagnosis.joint_bias import NOISE_LEFT
 from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.effects.ids import BODY, MODE
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
@@ -154,7 +154,7 @@ def _restarts(
         yield fit_plant(longer.model, measured, max_iter=ALONE, **how)
 
 
-def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
+def with_hidden_mode(fit: PlantFit, settings: SearchSettings) -> PlantModel | None:
     """The model with the mode that explains most of what a fit with play leaves; None if it explains less.
 
     Without play the linear structure leaves so much that a sharp mode does not show.
@@ -163,16 +163,17 @@ def with_hidden_mode(fit: PlantFit) -> PlantModel | None:
     ----------
     fit : PlantFit
         With play.
+    settings : SearchSettings
     """
-    problem = Problem(fit.model, [one.spectra for one in fit.records], fit.band_hz, DEFAULTS)
+    problem = Problem(fit.model, [one.spectra for one in fit.records], fit.band_hz, settings)
     errors = [one.spectra.y - one.prediction.Y for one in fit.records]
     error = problem.whiten([e[r.line] for e, r in zip(errors, problem.records, strict=True)])
     no_tangent = np.zeros((len(error), 0))  # what the other parameters can do of a sharp peak is little
     modes = ModeScan(problem, linear_part(fit.model), no_tangent, error)
     f_hz = np.concatenate([lines.f_hz for lines in problem.first])
-    ratio = 1 + min(DEFAULTS.mode_dampings)  # half the width of the sharpest
+    ratio = 1 + min(settings.mode_dampings)  # half the width of the sharpest
     frequencies = np.exp(np.arange(np.log(f_hz.min()), np.log(f_hz.max()), np.log(ratio)))
-    found = {zeta: modes.best(frequencies, zeta) for zeta in DEFAULTS.mode_dampings}
+    found = {zeta: modes.best(frequencies, zeta) for zeta in settings.mode_dampings}
     zeta = max(found, key=lambda each: found[each].gain)
     if found[zeta].gain < MOST * float(error @ error):
         return None

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.problem import linear_kind
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.greybox.weights import pooled_variance
 from gsid.spectrum.ringing import noise_ratio
 from gsid.spectrum.spectra import Spectra

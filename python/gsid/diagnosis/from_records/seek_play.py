@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import CANNOT_FIT, InputError
+from gsid.base.errors import InputError
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
 from gsid.diagnosis.from_records.play_structures import (
@@ -21,7 +21,7 @@ from gsid.diagnosis.from_records.play_structures import (
 )
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
-from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.greybox.fit import CANNOT_FIT, PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel

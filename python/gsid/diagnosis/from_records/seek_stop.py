@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.from_records.canonical import canonical_stack
 from gsid.diagnosis.from_records.confirm import judged
 from gsid.diagnosis.from_records.other_structure import add_rival, least_left, take
@@ -18,10 +17,9 @@ from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.stop_edges import at_high_level, edges_along_motion, nearest_start
 from gsid.diagnosis.from_records.verdict import NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.effects.ids import BIAS, BODY, STOP
 from gsid.effects.types import find
-from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.greybox.fit import CANNOT_FIT, PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -142,7 +140,7 @@ def _own_structure(run: Run, quiet: Sequence[Spectra]) -> PlantModel | None:
 
 def _fitted(run: Run, low: PlantFit, loud: Sequence[Spectra], deadline: Deadline) -> PlantFit | None:
     """The fit with stops to one record of the high level, and from there to all records."""
-    problem = Problem(low.model, list(loud), run.band, DEFAULTS, deadline)
+    problem = Problem(low.model, list(loud), run.band, run.settings.search, deadline)
     edges = edges_along_motion(problem, linear_part(low.model))
     if edges is None:
         return None

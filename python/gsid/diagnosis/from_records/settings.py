@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsid.diagnosis.missing_torque.settings import DEFAULTS as OF_SEARCH
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 
 
@@ -13,6 +14,8 @@ class DecisionSettings:
 
     Attributes
     ----------
+    search : SearchSettings
+        Constants of the first stage.
     strayed : float
         Factor between a given value and that of a fit with a missing linear effect from which the fit may be
         in a wrong minimum: given values may be 30 % off, and one whose place was taken moves by far more.
@@ -180,6 +183,7 @@ class DecisionSettings:
         not decide.
     """
 
+    search: SearchSettings = OF_SEARCH
     strayed: float = 3.0
     low_mode: float = 4.0
     merged_cost: float = 10.0

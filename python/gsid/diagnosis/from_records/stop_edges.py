@@ -17,7 +17,7 @@ from gsid.base.errors import GsidError
 from gsid.diagnosis.missing_torque.linear_fit import torque_columns
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
-from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.effects.ids import BIAS, SPRING, STOP
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
@@ -43,7 +43,11 @@ def at_high_level(measured: Sequence[Spectra]) -> tuple[list[Spectra], list[Spec
 
 
 def shifted_stop(
-    linear: PlantModel, measured: Sequence[Spectra], band: tuple[float, float] | None, deadline: Deadline
+    linear: PlantModel,
+    measured: Sequence[Spectra],
+    band: tuple[float, float] | None,
+    settings: SearchSettings,
+    deadline: Deadline,
 ) -> PlantModel | None:
     """A linear part with a stop and a constant torque, from what is missing at the high level.
 
@@ -54,6 +58,7 @@ def shifted_stop(
     measured : sequence of Spectra
     band : (lo, hi) or None
         Hz.
+    settings : SearchSettings
     deadline : Deadline
 
     Returns
@@ -62,7 +67,7 @@ def shifted_stop(
         None without edges that explain anything.
     """
     loud, _ = at_high_level(measured)
-    problem = Problem(linear, loud, band, DEFAULTS, deadline)
+    problem = Problem(linear, loud, band, settings, deadline)
     edges = edges_along_motion(problem, linear_part(linear), most_left=1.0)
     return nearest_start(linear, edges, loud, deadline) if edges is not None else None
 

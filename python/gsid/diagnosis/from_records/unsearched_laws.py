@@ -6,11 +6,11 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from gsid.base.deadline import OutOfTime
-from gsid.base.errors import CANNOT_FIT
 from gsid.diagnosis.effect_starts import effect_starts
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.run import Run
 from gsid.effects.types import EffectType, catalogue
+from gsid.greybox.fit import CANNOT_FIT
 
 
 def unsearched_as_good(run: Run, best: Simulated, left_out: Collection[str]) -> list[Simulated]:
