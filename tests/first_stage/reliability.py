@@ -152,19 +152,19 @@ def draw(some: dict[str, Sequence[Pair]], path: Path) -> None:
     """
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, len(some), figsize=(4.2 * len(some), 4.5), layout="constrained")
+    figure, axes = plt.subplots(1, len(some), figsize=(4.2 * len(some), 4.9), layout="constrained")
     for ax, (title, each) in zip(np.atleast_1d(axes), some.items(), strict=True):
         ax.plot([0, 1], [0, 1], color="0.7", linewidth=1)
         used = [one for one in bins(each) if one["n"]]
         x, y = (np.array([one[key] for one in used]) for key in ("stated", "share"))
         low, high = (np.array([one[key] for one in used]) for key in ("low", "high"))
         ax.errorbar(x, y, [y - low, high - y], fmt="o", capsize=3)
-        for one in used:
-            ax.annotate(
-                str(one["n"]), (one["stated"], one["share"]), (6, -10), textcoords="offset points", fontsize=8
-            )
+        how = {"textcoords": "offset points", "fontsize": 8, "ha": "center"}
+        for i, one in enumerate(used):  # in turn above and below: the last ones are near each other
+            end, offset = ("high", 4) if i % 2 else ("low", -11)
+            ax.annotate(str(one["n"]), (one["stated"], one[end]), (0, offset), **how)
         ax.set(title=title, xlabel="stated probability", ylabel="share that was right", aspect="equal")
-        ax.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
+        ax.set(xlim=(-0.03, 1.03), ylim=(-0.07, 1.07))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
