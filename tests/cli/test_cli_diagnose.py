@@ -299,8 +299,11 @@ def test_a_second_effect_is_searched_beside_the_nearest_one(capsys, verdict, cos
     found = SimpleNamespace(
         verdict=verdict, effects=("coulomb_friction",), adequate=False, cost_per_dof_after=cost, linear=None
     )
+    found.by_command = False
     with click.Context(click.Command("diagnose")):
-        diagnose._suggest(found, ["a.csv"], None, "curve.csv")
+        diagnose._suggest(found, ["a.csv"], None, "curve.csv", None)
     told = capsys.readouterr().err
     assert ("gsid diagnose --model M2.json a.csv searches beside coulomb_friction" in told) == suggested
-    assert "gsid add coulomb_friction" in told
+    is_named = verdict == "missing_effect"
+    assert ("gsid add coulomb_friction" in told) != is_named
+    assert ("gsid compare --model FOUND.json NEW.csv judges the model that -o FOUND.json" in told) == is_named

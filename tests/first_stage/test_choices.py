@@ -413,8 +413,7 @@ def test_only_a_given_model_with_a_law_is_fitted_by_simulation_first(monkeypatch
     for law in laws:
         plant = plant.with_effect(law, {"level": 1.0})
     fitted = SimpleNamespace(model="fitted", hold="zoh", hold_assumed=False)
-    monkeypatch.setattr(find_structure, "fit_plant", lambda *_, **__: fitted)
-    monkeypatch.setattr(find_structure, "linear_start", lambda given, measured: given)
+    monkeypatch.setattr(find_structure, "fit_from_better_start", lambda *_, **__: fitted)
     monkeypatch.setattr(find_structure, "require_motion", lambda _: None)
     kept = []
     facts = {"measured": [], "hold_assumed": False, "band": None, "deadline": None, "on_step": lambda _: None}

@@ -150,7 +150,7 @@ def diagnose(
 
         print()
         _print_ladder(ladder(final))
-    _suggest(found, records, model_path, curve)
+    _suggest(found, records, model_path, curve, path)
     return _exit_code(found)
 
 
@@ -241,12 +241,25 @@ def _print_ladder(steps: Ladder) -> None:
         print("The search used these records too. Only new records show how well the model predicts.")
 
 
-def _suggest(found: Diagnosis, records: Sequence[str], model_path: str | None, curve: str | None) -> None:
+def _suggest(
+    found: Diagnosis,
+    records: Sequence[str],
+    model_path: str | None,
+    curve: str | None,
+    output: str | None,
+) -> None:
     """Suggest the next command. Only a new record can judge the effect, since these records selected it."""
     linear = model_path or "LINEAR.json"
     given, judge = ["--model", linear], ["--held-out", "NEW.csv"]
-    if found.effects and not found.adequate:
-        typed = command_line("add", found.effects[0], *given, *judge, records=records, output="M2.json")
+    by_command = ["reference"] if found.by_command else []
+    if found.verdict == "missing_effect" and not model_path:
+        written = output or "FOUND.json"
+        typed = command_line("compare", "--model", written, records=["NEW.csv"])
+        suggest(f"{typed} judges the model that -o {written} writes on a new record")
+    elif found.effects and not found.adequate:
+        typed = command_line(
+            "add", found.effects[0], *given, *judge, records=records, output="M2.json", without=by_command
+        )
         which = "a new record, which the search has not used" if model_path else "a new record"
         rest = "" if model_path else f"; `gsid start REC... -o {linear}` writes the linear model"
         suggest(f"{typed} judges it on {which}{rest}")

@@ -305,10 +305,12 @@ def suggest(text: str) -> None:
     print_message(text, "hint:", "cyan")
 
 
-def command_line(*words: str, records: Sequence[str], output: str | None = None) -> str:
+def command_line(
+    *words: str, records: Sequence[str], output: str | None = None, without: Sequence[str] = ()
+) -> str:
     """A complete command for the same records, or for REC... if they are more than three.
 
-    It repeats -C, --library and the options by which the records were read.
+    It repeats -C, --library and the options by which the records were read, except those of `without`.
     """
     context = click.get_current_context()
     own = context.params.get("library")
@@ -321,7 +323,7 @@ def command_line(*words: str, records: Sequence[str], output: str | None = None)
         value = context.params.get(option.name)
         if option.name in ("units", "factors"):
             typed += [word for name, one in value or () for word in (option.opts[0], f"{name}={one}")]
-        elif option.name in HOW_READ and value is not None:
+        elif option.name in HOW_READ and option.name not in without and value is not None:
             typed += [option.opts[0], _band_words(value) if option.name == "band" else str(value)]
     return shlex.join([*typed, *(["-o", output] if output else [])])
 

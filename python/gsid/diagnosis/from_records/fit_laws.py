@@ -13,6 +13,7 @@ from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.larger_laws import worth_a_fit
 from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.play import may_have_play
+from gsid.diagnosis.from_records.result import FITS
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
 from gsid.diagnosis.from_records.stop_edges import shifted_stop
@@ -40,6 +41,7 @@ def confirm(run: Run) -> None:
     run : Run
     """
     if run.in_closed_loop and not _close_loop(run):
+        run.accept_noise_of_draft()
         return
     with run.timed("simulation"):
         fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
@@ -83,7 +85,7 @@ def _close_loop(run: Run) -> bool:
     those of the command: a reference of slow moves excites few of them distinctly, the friction all.
     """
     if run.loop is None or run.stack.output != "angle":
-        run.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
+        run.not_tried[FITS] = "the controller is not known (closed loop)"
         return False
     if run.band is None:
         f_hz = np.concatenate([one.f_hz[one.excited] for one in run.measured])

@@ -17,6 +17,7 @@ from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
+FITS = "fits by simulation"  # key of `not_tried` where none was made
 LIKE_TRIALS = "in trials like those of docs/explanation/from_records.md"
 
 
@@ -207,6 +208,11 @@ class Diagnosis(Plottable):
         else:
             text = "an effect is missing; these data confirm no law of the catalogue."
         return draft + text if draft else text[0].upper() + text[1:]
+
+    @property
+    def by_command(self) -> bool:
+        """Whether the controller of a closed loop is not known: a fit goes from the command to the output."""
+        return FITS in self.not_tried
 
     @property
     def laws(self) -> list[tuple[str, ...]]:

@@ -134,6 +134,17 @@ class Run:
         if may_be_noise(self.null, self.settings):
             self.decision = Decision(ADEQUATE)
 
+    def accept_noise_of_draft(self) -> None:
+        """Nothing is missing where the first draft confirms no law and the linear part leaves only noise.
+
+        In a closed loop without a known controller no simulation can tell.
+        """
+        stage = self.draft.stage
+        n_dof = max(stage.n_rows - len(self.draft.model.free_names), 1)
+        p_value = float(special.chdtrc(n_dof, stage.cost_per_dof * n_dof))
+        if self.decision.verdict == UNKNOWN and p_value >= self.alpha:
+            self.decision = Decision(ADEQUATE)
+
     def pruned(self, model: PlantModel) -> PlantModel:
         """Without elements of the canonical stack that became zero; those of a given model stay."""
         return model if self.given else pruned(model, self.f_lo_hz, self.settings)
