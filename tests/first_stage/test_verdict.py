@@ -210,6 +210,16 @@ def test_bug_a_drag_that_the_data_do_not_distinguish_hid_a_damping(drag):
     assert (found.verdict, found.effects) == ("missing_effect", ("viscous_friction", "quadratic_drag"))
 
 
+@pytest.mark.parametrize(
+    ("hysteresis", "verdict"), [(7, "missing_effect"), (-11, "missing_effect"), (-13, "nearest_effect")]
+)
+def test_bug_a_larger_law_of_the_group_kept_it_from_its_name(hysteresis, verdict):
+    """Seed 5318: a damping or a dry friction was nearest beside a hysteresis that cost 7 more."""
+    friction, larger = fit("coulomb_friction", above(1.0, 5)), fit("bouc_wen", above(1.0, hysteresis))
+    found = decision(fit("viscous_friction", 1.0), friction, larger, null=1.2)
+    assert (found.verdict, found.effects) == (verdict, ("viscous_friction", "coulomb_friction"))
+
+
 def test_a_group_with_a_law_needs_the_large_lead():
     """A law outside the catalogue may be imitated by both."""
     found = decision(fit("viscous_friction", 1.0), fit("quadratic_drag", above(1.0, 5)), null=above(1.0, 98))

@@ -172,13 +172,18 @@ class Evidence:
     def is_settled(self, other: Simulated, best: Simulated) -> bool:
         """Whether a law is in the group of the best one, or linear as it and with more parameters.
 
+        So is one of the family of a member of the group that is not significantly better than the best: a
+        hysteresis, where a damping and a dry friction are the group.
+
         Parameters
         ----------
         other, best : Simulated
         """
         both = self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)
         more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
-        return (both and more) or other in self.alike(best)
+        group = self.alike(best)
+        is_of_group = any(family_of(other) == family_of(member) for member in group)
+        return (both and more) or other in group or (is_of_group and not self.is_worse(best, other))
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
