@@ -185,3 +185,19 @@ def test_laws_of_turning_that_are_not_tried_are_named(unit, noted):
 def test_bug_a_linear_stage_turned_after_a_start_and_not_from_its_records(unit, kind, of_model):
     """`gsid start` wrote a model in degrees for y in mm, and did not know that arcseconds are angles."""
     assert (kind_of_unit(unit), angle_unit_of(unit)) == (kind, of_model)
+
+
+def test_bug_the_step_of_a_rounded_command_was_undetermined():
+    """The search finds it, and no fit has a derivative by it: it is fixed, as `gsid add` has it."""
+    effects = [
+        {"effect": "rigid_body", "params": {"gain": {"value": 1.0, "free": True}}},
+        {"effect": "drive_quantization", "params": {"step": {"value": 3.0, "free": True}}},
+        {"effect": "viscous_friction", "params": {"rate": {"value": 2.0, "free": True}}},
+    ]
+    model = gsid.PlantModel.from_dict({"gsid_model": 1, "fs_hz": 1000.0, "effects": effects})
+    model.cov, model.cov_names = np.diag([1.0, np.inf, 4.0]), model.free_names
+    found = summary.with_fixed(model)
+    assert found.free_names == ["rigid_body.gain", "viscous_friction.rate"]
+    np.testing.assert_array_equal(found.covariance, np.diag([1.0, 4.0]))
+    assert "drive_quantization.step" in model.free_names
+    assert summary.with_fixed(None) is None

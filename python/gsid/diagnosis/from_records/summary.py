@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING, other_reading
+from gsid.diagnosis.effect_starts import fixed_parameters
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.canonical import unit_of_values
 from gsid.diagnosis.from_records.confirm import Simulated
@@ -104,7 +106,26 @@ def _unsettled(shown: Simulated | None) -> list[str]:
 
 def _as_given(run: Run, model: PlantModel | None) -> PlantModel | None:
     """A model of the result, without the limits that its modes had in the diagnosis."""
-    return model if run.given is None else with_limits_of(model, run.given)
+    return with_fixed(model) if run.given is None else with_fixed(with_limits_of(model, run.given))
+
+
+def with_fixed(model: PlantModel | None) -> PlantModel | None:
+    """A model whose parameters without a derivative are fixed: a search found them, no fit determines them.
+
+    Parameters
+    ----------
+    model : PlantModel or None
+    """
+    if model is None:
+        return None
+    found, covariance = copy.deepcopy(model), model.covariance
+    for effect in found.effects:
+        for name in fixed_parameters(effect.type):
+            effect.params[name].free, effect.params[name].std = False, None
+    stays = [model.free_names.index(name) for name in found.free_names]
+    if covariance is not None and len(stays) < len(model.free_names):
+        found.cov, found.cov_names = covariance[np.ix_(stays, stays)], found.free_names
+    return found
 
 
 def _basis(run: Run) -> Basis | None:
