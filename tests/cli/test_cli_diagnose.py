@@ -307,3 +307,17 @@ def test_a_second_effect_is_searched_beside_the_nearest_one(capsys, verdict, cos
     is_named = verdict == "missing_effect"
     assert ("gsid add coulomb_friction" in told) != is_named
     assert ("gsid compare --model FOUND.json NEW.csv judges the model that -o FOUND.json" in told) == is_named
+
+
+@pytest.mark.parametrize("by_command", [False, True])
+def test_bug_the_hint_of_an_unknown_controller_ended_with_an_error(capsys, by_command):
+    """`gsid add --r` needs the controller; from the command to the output it does not."""
+    found = SimpleNamespace(
+        verdict="nearest_effect", effects=("quadratic_drag",), adequate=False, cost_per_dof_after=1.0,
+        linear=None, by_command=by_command,
+    )  # fmt: skip
+    command = click.Command("diagnose", params=[click.Option(["--r", "reference"])])
+    with click.Context(command) as context:
+        context.params["reference"] = "w_ref"
+        diagnose._suggest(found, ["a.csv"], None, None, None)
+    assert ("--r w_ref" in capsys.readouterr().err) != by_command

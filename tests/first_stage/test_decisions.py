@@ -77,6 +77,24 @@ def test_bug_a_slow_held_sensor_was_unknown_though_the_simulation_left_noise(nul
     assert run.decision.verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("cost", "draft", "verdict"),
+    [
+        (0.97, "unknown_effect", "adequate"),
+        (1.05, "unknown_effect", "adequate"),  # 1.05 of 1990 numbers: p = 0.057
+        (1.06, "unknown_effect", "unknown_effect"),
+        (0.97, "nearest_effect", "nearest_effect"),
+    ],
+)
+def test_bug_a_linear_loop_had_a_missing_effect_that_no_simulation_could_deny(cost, draft, verdict):
+    """At p = 0.96; the controller was not known."""
+    stage = SimpleNamespace(n_rows=2000, cost_per_dof=cost)
+    draft_of = SimpleNamespace(stage=stage, model=SimpleNamespace(free_names=["a"] * 10))
+    run = SimpleNamespace(draft=draft_of, decision=Decision(draft), alpha=0.05)
+    Run.accept_noise_of_draft(run)
+    assert run.decision.verdict == verdict
+
+
 def test_bug_without_work_for_a_law_an_answer_was_called_confirmed():
     """And noise was accepted, though the laws of the short list had not been fitted."""
     unknown = Decision("unknown_effect")

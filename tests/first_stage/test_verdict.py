@@ -378,7 +378,7 @@ def test_a_law_that_leaves_more_than_noise_is_the_best_where_it_was_not_fitted()
 def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
     found = decision(fit(LAW, 2.0), RIVAL, beaten_by=("c*w^3",))
     assert (found.verdict, found.effects) == ("unknown_effect", ())
-    assert found.reasons == ("c*w^3 explains more, and is not in the catalogue.",)
+    assert found.reasons == ("In the first stage c*w^3 explains more, and is not in the catalogue.",)
 
 
 def test_a_law_that_leaves_only_noise_is_the_nearest_beside_one_from_outside():

@@ -17,6 +17,7 @@ from gsid.base.tables import Table
 from gsid.diagnosis.error_fall import FALL_ALARM
 from gsid.plant.model import PlantModel
 
+HARDLY = 0.99  # error after a step over that before: what is left is not explained
 SAME_FIT = 0.02  # largest relative difference between the end of a rung and the start of the next
 
 # Kinds of validation data, and the heading of the column of their errors. Files of old versions have None.
@@ -125,6 +126,8 @@ class Rung:
         falls = "falls" if self.falls else "DOES NOT FALL"
         if not self.falls and self.held_out["after"] < self.held_out["before"]:
             falls = f"does NOT fall significantly (p = {self.fall_p_value:.2g})"
+        elif self.falls and self.held_out["after"] > HARDLY * self.held_out["before"]:
+            falls = f"falls by less than {100 * (1 - HARDLY):.0f} %"
         return (
             f"With {self.effect} the rms error on {self.kept_out} {falls}: {held}, where noise alone leaves "
             f"{floor}; cost per degree of freedom on the data fitted {cost}."

@@ -25,7 +25,7 @@ from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKN
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.diagnosis.next_experiment import advice
 from gsid.greybox.fit import PlantFit, unsettled_text
-from gsid.plant.model import PlantModel
+from gsid.plant.model import OUTPUTS, PlantModel
 
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.rounds import Rounds
@@ -347,6 +347,9 @@ def _assumed(run: Run) -> list[str]:
     one = run.measured[0]
     if run.start is not None:
         texts = [text for text in run.start.assumed if not text.startswith("the input was")]
+        others = {one["other"].partition(",")[0] for one in run.start.ambiguous}
+        kinds = [kind for kind in OUTPUTS if kind in others and kind != run.start.output]
+        texts += [f"y may also be the {kind}, the data do not decide; --output {kind}" for kind in kinds]
         structure = ", ".join(run.start.effects) or f"rational, order {run.start.order}"
         texts.append(f"linear structure: {structure}")
         unit = unit_of_values(run.start.measured.y_unit, run.stack) if run.stack is not None else None

@@ -15,6 +15,7 @@ from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import law
 from gsid.diagnosis.missing_torque.conclusion import (
+    better_outside,
     inexact,
     scattered,
     taken_over,
@@ -173,7 +174,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] == best.label]
     if unknown and not (adequate and is_strength_determined(best)):
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
-    reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.from_outside(best)]
+    reasons += [better_outside(law) for law in evidence.from_outside(best)]
     if not adequate:  # else it was an error of the measured motion
         reasons += [taken_over(name) for name in evidence.taken_over_by]
     n_periods = best.fit.records[0].spectra.n_periods

@@ -225,6 +225,17 @@ def conclude(
     return Conclusion("nearest", effects, tuple(reasons), (), taken)
 
 
+def better_outside(law: str) -> str:
+    """Sentence on a law from outside the catalogue that is better than the best of it.
+
+    Parameters
+    ----------
+    law : str
+        Its expression.
+    """
+    return f"In the first stage {law} explains more, and is not in the catalogue."
+
+
 def too_small(share: float, least: float) -> str:
     """Sentence on a law that explains too little.
 
@@ -336,11 +347,7 @@ def _against(
         reasons.append(inexact(kind, share, settings.exact_share))
     if not _steady(best, settings.named_scatter, settings):
         reasons.append(scattered(best.scatter))
-    reasons += [
-        f"{one.name} explains more, and is not in the catalogue."
-        for one in enlarged
-        if one.cost < best.cost - settings.enlarged_gain
-    ]
+    reasons += [better_outside(one.name) for one in enlarged if one.cost < best.cost - settings.enlarged_gain]
     if best.kept < settings.unconverged * best.cost / misfit.n_rows:
         reasons.append("The fit of the best law has not converged.")
     if best.kept > settings.verdict_cost:
