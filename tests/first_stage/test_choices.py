@@ -21,7 +21,7 @@ from gsid.diagnosis.from_records import (
     other_structure,
     result,
     ringing_lines,
-    summary,
+    shown_ranking,
 )
 from gsid.diagnosis.from_records import run as of_run
 from gsid.diagnosis.from_records.play_structures import structures_for_play
@@ -134,7 +134,7 @@ def test_the_entry_without_an_effect_tells_how_its_cost_was_found(null, by, conf
     simulated = null and SimpleNamespace(fit=SimpleNamespace(cost_per_dof=null))
     draft = SimpleNamespace(stage=SimpleNamespace(ranking=[], cost_per_dof=1.7))
     run = SimpleNamespace(draft=draft, laws=[], null=simulated, decision=Decision(ADEQUATE, ()))
-    (none,) = summary._ranking(run)
+    (none,) = shown_ranking.ranking_of(run)
     assert (none.effects, none.cost_per_dof_after, none.confirmed) == ((), null or 1.7, confirmed)
     assert none.by == by
 

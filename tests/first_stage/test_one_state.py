@@ -12,7 +12,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
 from gsid.diagnosis.from_records import find_structure as finding
 from gsid.diagnosis.from_records import mend_structure as mending
-from gsid.diagnosis.from_records import summary
+from gsid.diagnosis.from_records import shown_models, summary
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated
 from gsid.diagnosis.from_records.draw_up import give_up
 from gsid.diagnosis.from_records.rounds import Rounds
@@ -196,8 +196,8 @@ def test_bug_the_step_of_a_rounded_command_was_undetermined():
     ]
     model = gsid.PlantModel.from_dict({"gsid_model": 1, "fs_hz": 1000.0, "effects": effects})
     model.cov, model.cov_names = np.diag([1.0, np.inf, 4.0]), model.free_names
-    found = summary.with_fixed(model)
+    found = shown_models.with_fixed(model)
     assert found.free_names == ["rigid_body.gain", "viscous_friction.rate"]
     np.testing.assert_array_equal(found.covariance, np.diag([1.0, 4.0]))
     assert "drive_quantization.step" in model.free_names
-    assert summary.with_fixed(None) is None
+    assert shown_models.with_fixed(None) is None

@@ -14,7 +14,7 @@ import reliability
 from scipy.special import expit
 from test_from_records_study import row
 
-from gsid.diagnosis.from_records import fit_laws, summary
+from gsid.diagnosis.from_records import fit_laws, shown_ranking, summary
 from gsid.diagnosis.from_records.basis import Basis
 from gsid.diagnosis.from_records.probability import (
     CALIBRATION,
@@ -70,9 +70,10 @@ def summary_of(of_laws, verdict="missing_effect", **changes):
     names = [("coulomb_friction",), ("stribeck_friction",), (), ("cubic_spring",), ("hard_stop",)]
     ranking = [RankedLaw(name, {}, 1.0, 1.0, 1.0, 0.0, True) for name in names]
     basis = Basis(**BASIS | {"effects": ("coulomb_friction", "stribeck_friction")})
-    like = summary._is_like_trials(SimpleNamespace(**run), Decision(verdict))
+    run = SimpleNamespace(**run)
+    like = summary._is_like_trials(run, run, Decision(verdict))
     return {
-        one.effects: one.probability for one in summary._with_probabilities(ranking, basis, of_laws)
+        one.effects: one.probability for one in shown_ranking.with_probabilities(ranking, basis, of_laws)
     }, like
 
 

@@ -11,7 +11,14 @@ import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError, SimulationError
 from gsid.diagnosis.from_records import draft as drafting
-from gsid.diagnosis.from_records import drive_laws, equal_weights, hold_check, mend_structure, play, summary
+from gsid.diagnosis.from_records import (
+    drive_laws,
+    equal_weights,
+    hold_check,
+    mend_structure,
+    play,
+    shown_models,
+)
 from gsid.diagnosis.from_records import find_structure as finding
 from gsid.diagnosis.from_records.confirm import Simulations
 from gsid.diagnosis.from_records.run import Run
@@ -199,10 +206,10 @@ def test_bug_two_effects_of_which_neither_had_a_name_alone_lost_the_other_delay(
     null, alone = SimpleNamespace(fit=given), SimpleNamespace(fit=both)
     run = SimpleNamespace(null=null, decision=Decision(NEAREST), given="a model", shown=alone)
     kept = [SimpleNamespace(final=SimpleNamespace(fit=both))]
-    assert summary._fit_shown(run, kept) is both
-    assert summary._fit_shown(run, ()) is given
+    assert shown_models.fit_shown(run, kept) is both
+    assert shown_models.fit_shown(run, ()) is given
     run.given = None  # from the records alone the law is part of the model
-    assert summary._fit_shown(run, ()) is both
+    assert shown_models.fit_shown(run, ()) is both
 
 
 def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):

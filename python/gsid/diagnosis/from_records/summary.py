@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING, other_reading
-from gsid.diagnosis.effect_starts import fixed_parameters
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.canonical import unit_of_values
 from gsid.diagnosis.from_records.confirm import Simulated
-from gsid.diagnosis.from_records.evidence import Evidence
-from gsid.diagnosis.from_records.fingerprints import LAWS
-from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
-from gsid.diagnosis.from_records.mode_limits import with_limits_of
-from gsid.diagnosis.from_records.probability import Probabilities, probabilities
-from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
-from gsid.diagnosis.from_records.short_list import started
+from gsid.diagnosis.from_records.probability import probabilities
+from gsid.diagnosis.from_records.result import Diagnosis
+from gsid.diagnosis.from_records.shown_models import (
+    as_given,
+    fit_shown,
+    law_model_of,
+    linear_of,
+    model_of,
+    without_law,
+)
+from gsid.diagnosis.from_records.shown_ranking import NAN, law_models_of, ranking_of, with_probabilities
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
-from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
+from gsid.diagnosis.missing_torque.stage import HOLD
 from gsid.diagnosis.next_experiment import advice
-from gsid.greybox.fit import PlantFit, unsettled_text
-from gsid.plant.model import OUTPUTS, PlantModel
+from gsid.greybox.fit import unsettled_text
+from gsid.plant.model import OUTPUTS
 
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.rounds import Rounds
     from gsid.diagnosis.from_records.run import Run
-
-NAN = float("nan")
 
 
 def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
@@ -53,26 +52,24 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         decision = _of_all(run, kept, near)
     elif near:
         decision = _of_near(run, near, joint)
-    found_model = final.model if kept and final else _law_model(run, decision)
+    found_model = final.model if kept and final else law_model_of(run, decision)
     law_model = joint.model if joint else found_model
     found = [one.decision.effects for one in kept] or _found(run, decision)
     is_one = len(kept) + len(near) < 2 and not (rounds and rounds.has_series)
     basis = _basis(shown) if is_one else None
-    is_whole = not (run.cut or shown.cut or run.interrupted)
-    is_like_trials = is_whole and _is_like_trials(shown, decision)
-    known = probabilities(basis) if basis and is_like_trials else None
-    ranking = _ranking(shown)
+    known = probabilities(basis) if basis and _is_like_trials(run, shown, decision) else None
+    ranking = ranking_of(shown)
     return Diagnosis(
         verdict=decision.verdict,
         effects=decision.effects,
         unexplained_share=decision.unexplained_share,
         confirmed=run.is_confirmed,
         reasons=decision.reasons,
-        ranking=_with_probabilities(ranking, basis, known),
-        law_models=_law_models(shown, ranking),
+        ranking=with_probabilities(ranking, basis, known),
+        law_models=law_models_of(shown, ranking),
         found=found,
         nearest=_nearest(decision, near),
-        model=_as_given(run, found_model if kept else _model(run, decision)),
+        model=as_given(run, found_model if kept else model_of(run, decision)),
         cost_per_dof=null,
         cost_per_dof_after=_cost_per_dof(final if kept else joint) or _after(run, null),
         p_value=run.noise_p_value if run.null else None,
@@ -84,12 +81,12 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         names=[one.name for one in run.measured],
         measured=run.measured,
         band=run.band,
-        linear=_as_given(run, _linear(run)),
-        law_model=_as_given(run, law_model),
-        without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
+        linear=as_given(run, linear_of(run)),
+        law_model=as_given(run, law_model),
+        without_law=as_given(run, without_law(run, [*kept, *near], law_model)),
         next_experiment="" if run.interrupted else _next_experiment(shown),
-        other_delay_s=_fit_shown(run, kept).other_delay_s if run.null else None,
-        delay_hold_uncertainty_s=_fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
+        other_delay_s=fit_shown(run, kept).other_delay_s if run.null else None,
+        delay_hold_uncertainty_s=fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
         remarks=[*run.notes, *_unsettled(final if kept else run.shown)],
         basis=basis,
         probabilities=known,
@@ -104,30 +101,6 @@ def _unsettled(shown: Simulated | None) -> list[str]:
     return [f"{text[0].upper()}{text[1:]}."] if text else []
 
 
-def _as_given(run: Run, model: PlantModel | None) -> PlantModel | None:
-    """A model of the result, without the limits that its modes had in the diagnosis."""
-    return with_fixed(model) if run.given is None else with_fixed(with_limits_of(model, run.given))
-
-
-def with_fixed(model: PlantModel | None) -> PlantModel | None:
-    """A model whose parameters without a derivative are fixed: a search found them, no fit determines them.
-
-    Parameters
-    ----------
-    model : PlantModel or None
-    """
-    if model is None:
-        return None
-    found, covariance = copy.deepcopy(model), model.covariance
-    for effect in found.effects:
-        for name in fixed_parameters(effect.type):
-            effect.params[name].free, effect.params[name].std = False, None
-    stays = [model.free_names.index(name) for name in found.free_names]
-    if covariance is not None and len(stays) < len(model.free_names):
-        found.cov, found.cov_names = covariance[np.ix_(stays, stays)], found.free_names
-    return found
-
-
 def _basis(run: Run) -> Basis | None:
     """What is known of the best law, by simulation or by the first stage."""
     if run.laws:
@@ -136,31 +109,14 @@ def _basis(run: Run) -> Basis | None:
     return basis_of_draft(run.draft.stage) if is_unknown else None
 
 
-def _is_like_trials(run: Run, decision: Decision) -> bool:
+def _is_like_trials(run: Run, shown: Run, decision: Decision) -> bool:
     """Whether the trials of the calibration tell how probable the best law is.
 
     That nothing is missing has a p-value instead: how often a weak effect is present no record tells.
     """
+    is_whole = not (run.cut or shown.cut or run.interrupted)
     in_closed_loop = run.in_closed_loop or (run.given is not None and run.given.has_controller)
-    return decision.verdict != ADEQUATE and not (in_closed_loop or run.known)
-
-
-def _with_probabilities(
-    ranking: list[RankedLaw], basis: Basis | None, known: Probabilities | None
-) -> list[RankedLaw]:
-    """Members of the first group share its probability evenly, the other laws theirs: they sum to 1."""
-    if basis is None or known is None:
-        return ranking
-    first = [one for one in ranking if one.effects and one.effects[0] in basis.effects]
-    others = [one for one in ranking if one.effects and one not in first]
-    none = known.none if others else 1 - known.best
-
-    def probability(one: RankedLaw) -> float:
-        if not one.effects:
-            return none
-        return known.best / len(first) if one in first else known.other / len(others)
-
-    return [replace(one, probability=probability(one)) for one in ranking]
+    return decision.verdict != ADEQUATE and is_whole and not (in_closed_loop or shown.known)
 
 
 def _of_all(run: Run, kept: Sequence[Run], near: Sequence[Run]) -> Decision:
@@ -200,20 +156,6 @@ def _not_tried(run: Run, found: Sequence[Run]) -> dict[str, str]:
     return {name: why for name, why in missing.items() if name not in fitted}
 
 
-def _fit_shown(run: Run, kept: Sequence[Run]) -> PlantFit:
-    """Of the model with all effects found, else of the given one: what the hold was checked with."""
-    if kept and kept[-1].final:
-        return kept[-1].final.fit
-    return run.shown.fit if not run.given else run.null.fit
-
-
-def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) -> PlantModel | None:
-    if law_model is None or run.given is None:
-        return law_model and linear_only(law_model)
-    effects = [one.final.effects[0] for one in kept if one.final] or run.decision.effects[:1]
-    return without(law_model, effects)
-
-
 def _next_experiment(run: Run) -> str:
     """An experiment that distinguishes the first two members of the group."""
     by_effect = {one.effects[0]: one.model for one in run.laws} | run.larger
@@ -224,34 +166,6 @@ def _next_experiment(run: Run) -> str:
     with run.timed("next experiment"):
         first, second = group
         return advice(by_effect[first], by_effect[second], largest, (first, second), run.deadline)
-
-
-def _law_model(run: Run, decision: Decision) -> PlantModel | None:
-    """The stack with the law that is named or nearest."""
-    if not decision.effects or run.draft is None:
-        return None
-    if run.final is not None:
-        return run.final.model
-    winner = run.draft.stage.ranking[0]
-    return None if winner.effects[0] == HOLD else _drafted_model(run, winner)
-
-
-def _model(run: Run, decision: Decision) -> PlantModel | None:
-    """The stack with the law if it is named, else the linear one."""
-    named = _law_model(run, decision) if decision.verdict == MISSING else None
-    return named or _linear(run) or run.stack
-
-
-def _linear(run: Run) -> PlantModel | None:
-    """The model without an effect that was found: as fitted by simulation, else as drafted."""
-    if run.null is not None:
-        return run.null.model
-    return run.simulations().completed(run.draft.model) if run.draft else None
-
-
-def _drafted_model(run: Run, one: Ranked) -> PlantModel:
-    """The model with a law of the first stage, and with the laws of a given model."""
-    return run.simulations().completed(started(run.draft, one, run.pruned))
 
 
 def _cost_per_dof(fit: Simulated | None) -> float | None:
@@ -274,69 +188,9 @@ def _found(run: Run, decision: Decision) -> list[tuple[str, ...]]:
     return found + [effects for effects in named if effects not in found]
 
 
-def _ranking(run: Run) -> list[RankedLaw]:
-    """All laws in order; without shares if nothing is missing, since the excess over noise is zero then."""
-    ranking = _all_laws(run)
-    if run.decision.verdict != ADEQUATE:
-        return ranking
-    return [replace(one, share_kept_out=NAN) for one in ranking]
-
-
-def _all_laws(run: Run) -> list[RankedLaw]:
-    """Fits by simulation first, then those of the first stage; "none of the catalogue" where it belongs."""
-    if run.draft is None:
-        return []
-    evidence = run.evidence() if run.laws else None
-    weighed = evidence.weighed() if evidence else None
-    simulated = [_simulated(one, weighed) for one in weighed.laws] if weighed else []
-    known = {one.effects for one in simulated}
-    drafted = [_drafted(one) for one in run.draft.stage.ranking if one.effects not in known]
-    null = run.null.fit.cost_per_dof if run.null else run.draft.stage.cost_per_dof
-    by = "simulation" if run.null else "first stage"
-    none = RankedLaw((), {}, null, 0.0, NAN, NAN, run.null is not None, by)
-    if run.decision.verdict in (ADEQUATE, UNKNOWN):
-        return [none, *sorted(simulated, key=_cost), *drafted]
-    first = [one for one in simulated if one.effects[0] == run.decision.effects[0]]
-    rest = sorted((one for one in simulated if one not in first), key=_cost)
-    if not first:
-        return [*drafted, none]
-    return [*first, *rest, none, *drafted]
-
-
-def _law_models(run: Run, ranking: Sequence[RankedLaw]) -> dict[str, PlantModel]:
-    """The stacks with the first laws of the ranking: as fitted by simulation, else as drafted."""
-    simulated = {one.effects: one.model for one in run.laws}
-    drafted = {one.effects: one for one in run.draft.stage.ranking} if run.draft else {}
-    models = {}
-    for effects in [one.effects for one in ranking if one.effects][:LAWS]:
-        if effects in simulated:
-            models[effects[0]] = simulated[effects]
-        elif effects in drafted and drafted[effects].linear and effects[0] != HOLD:
-            models[effects[0]] = _drafted_model(run, drafted[effects])
-    return models
-
-
-def _cost(one: RankedLaw) -> float:
-    return one.cost_per_dof_after
-
-
-def _simulated(one: Simulated, evidence: Evidence) -> RankedLaw:
-    stack = one.model.stack()
-    label = label_of(one.model, one.effects[0])
-    numbers = (one.fit.cost_per_dof, evidence.share(one), evidence.margin(one), one.scatter)
-    confirmed = one.converged or (one.stalled and evidence.is_adequate(one))
-    by = "simulation" if confirmed else "simulation, not converged"
-    return RankedLaw(one.effects, dict(stack[label]), *numbers, confirmed, by)
-
-
-def _drafted(one: Ranked) -> RankedLaw:
-    numbers = (one.cost_per_dof, one.share_kept_out, one.margin, one.scatter)
-    return RankedLaw(one.effects, dict(one.params), *numbers, False)
-
-
 def _other_delay(run: Run) -> str:
     """The delay under the other assumption about the hold, if it is known."""
-    delay_s = None if run.given or run.hold is None or run.null is None else _fit_shown(run, []).other_delay_s
+    delay_s = None if run.given or run.hold is None or run.null is None else fit_shown(run, []).other_delay_s
     if delay_s is None:
         return ""
     return f" ({MEANING[other_reading(run.hold)]}, the delay would be {1e3 * delay_s:.5g} ms)"
