@@ -71,6 +71,7 @@ def test_models_that_no_experiment_distinguishes_give_a_sentence_and_no_file(fil
     assert found.code == 0
     assert "No experiment of the menu distinguishes" in found.out
     assert not made.exists()
+    assert f"{made} was not written" in found.err
 
 
 def _models(folder):

@@ -86,6 +86,8 @@ def distinguishing(
     if output and best:
         best.save(output)
         print_message(f"wrote {output}")
+    elif output:
+        print_message(f"{output} was not written; the models the other way round may have an experiment")
     if ranked:
         draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
     sentence = _sentence(best, names, models[0], measured)
