@@ -87,7 +87,7 @@ class DecisionSettings:
     members : int
         Further laws of the winner's family that are fitted by simulation.
     stalled, stalled_share : float
-        A fit is given up if a slice lowers its cost by less [noise units], and by less than a share of it.
+        A fit is given up if a slice lowers its cost by less [noise units], or by less than a share of it.
     step_left, step_share : float
         Fall of the cost that is predicted for a further step [noise units], or as a share of the cost, below
         which a fit has converged: noise varies the cost by more, and an error of the model hides the share.
