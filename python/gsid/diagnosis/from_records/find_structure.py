@@ -15,7 +15,7 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.draft import null_cost
 from gsid.diagnosis.from_records.draw_up import give_up
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only
-from gsid.diagnosis.from_records.loop import identified_loop, referenced, without_noise_of_input
+from gsid.diagnosis.from_records.loop import identified_loop, referenced
 from gsid.diagnosis.from_records.mode_limits import with_mode_limits
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import (
@@ -92,11 +92,7 @@ def find_structure(
         run.stack = canonical_stack(run.start.model(), run.f_lo_hz, run.settings)
         run.measured = run.judged = without_wrong_unit(run.measured, run.stack)
         run.by_reference = without_wrong_unit(run.by_reference, run.stack)
-        if run.in_closed_loop:
-            how = run.stack, run.band, run.settings
-            run.measured = run.judged = without_noise_of_input(run.measured, *how)
-        else:
-            run.measured = run.judged = with_mean_input(run.measured, run.start.model())
+        run.measured = run.judged = with_mean_input(run.measured, run.start.model())
         _keep_resonances(run)
         _note_laws_of_turning(run)
 

@@ -14,9 +14,7 @@ import numpy as np
 
 from gsid._lib import lib
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.plant.effect import Effect, Param
-from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra
@@ -82,34 +80,3 @@ def _fitted(
     gains, *_ = np.linalg.lstsq(columns, command, rcond=None)
     left = float(np.std(command - columns @ gains) / np.std(command))
     return left, n_samples, (float(gains[0]), float(gains[1]))
-
-
-def without_noise_of_input(
-    measured: Sequence[Spectra],
-    model: PlantModel,
-    band: tuple[float, float] | None,
-    settings: DecisionSettings,
-) -> list[Spectra]:
-    """Records without the response to what the input of each period has beside the mean of all periods.
-
-    The loop feeds the output's noise back: where it is fast, that of the output nearly vanishes, and is in
-    the input. The mean output stays; its variance over the periods becomes that of the disturbance.
-
-    Parameters
-    ----------
-    measured : sequence of Spectra
-        Of the command and the output.
-    model : PlantModel
-        Linear.
-    band : (lo, hi) or None
-        Hz.
-    settings : DecisionSettings
-    """
-    problem = Problem(model, measured, band, settings.search)
-    responses = problem.responses(linear_part(model))
-    found = []
-    for one, lines in zip(measured, problem.records, strict=True):
-        Y = one.Y.copy()
-        Y[:, lines.line] -= responses[lines.group][0] * (one.U - one.u)[:, lines.line]
-        found.append(replace(one, Y=Y))
-    return found
