@@ -306,7 +306,9 @@ def test_a_second_effect_is_searched_beside_the_nearest_one(capsys, verdict, cos
     assert ("gsid diagnose --model M2.json a.csv searches beside coulomb_friction" in told) == suggested
     is_named = verdict == "missing_effect"
     assert ("gsid add coulomb_friction" in told) != is_named
-    assert ("gsid compare --model FOUND.json NEW.csv judges the model that -o FOUND.json" in told) == is_named
+    assert (
+        "gsid compare --model FOUND.json NEW.csv judges on a new record the model that -o FOUND.json" in told
+    ) == is_named
 
 
 @pytest.mark.parametrize("by_command", [False, True])

@@ -87,7 +87,9 @@ def distinguishing(
         best.save(output)
         print_message(f"wrote {output}")
     elif output:
-        print_message(f"{output} was not written; the models the other way round may have an experiment")
+        print_message(
+            f"{output} was not written: no experiment distinguishes the models in this order, the other order may have one"
+        )
     if ranked:
         draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
     sentence = _sentence(best, names, models[0], measured)

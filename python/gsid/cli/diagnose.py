@@ -255,7 +255,7 @@ def _suggest(
     if found.verdict == "missing_effect" and not model_path:
         written = output or "FOUND.json"
         typed = command_line("compare", "--model", written, records=["NEW.csv"])
-        suggest(f"{typed} judges the model that -o {written} writes on a new record")
+        suggest(f"{typed} judges on a new record the model that -o {written} writes")
     elif found.effects and not found.adequate:
         typed = command_line(
             "add", found.effects[0], *given, *judge, records=records, output="M2.json", without=by_command
