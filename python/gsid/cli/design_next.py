@@ -88,7 +88,7 @@ def distinguishing(
         print_message(f"wrote {output}")
     elif output:
         print_message(
-            f"{output} was not written: no experiment distinguishes the models in this order, the other order may have one"
+            f"{output} was not written: in this order no experiment distinguishes the models; try the other"
         )
     if ranked:
         draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
