@@ -31,8 +31,14 @@ def fit(*residuals, modes=(), spacings_hz=(0.5,) * 3, inputs=(0.0,) * 3):
         )
         for one, spacing, u in zip(residuals, spacings_hz, inputs, strict=False)
     ]
-    cost = float(np.sum(np.square([one.residual for one in records])))
-    return SimpleNamespace(records=records, band_hz=BAND_HZ, model=PlantModel(3000.0, effects), cost=cost)
+    halves = zip(*(np.split(one.residual, 2) for one in records), strict=True)
+    residual = np.concatenate([np.concatenate(half) for half in halves])
+    facts = {
+        "residual": residual,
+        "jacobian": np.zeros((len(residual), 0)),
+        "cost": float(residual @ residual),
+    }
+    return SimpleNamespace(records=records, band_hz=BAND_HZ, model=PlantModel(3000.0, effects), **facts)
 
 
 def mode(f_hz=100.0, zeta=0.02, residue=0.3, stds=(0.1, 0.001, 0.01), free=True):
@@ -92,6 +98,51 @@ def test_a_line_of_few_records_is_no_evidence_for_a_law_of_many_parameters(effec
     """Two records have four numbers on a line: three parameters fit a fan there as well."""
     found = on_line(0.0, 39.0, effect, records)
     assert sum("is on one line" in one for one in found) == n_doubts
+
+
+@pytest.mark.parametrize(("share", "n_doubts"), [(0.0, 0), (0.94, 0), (0.95, 1)])
+def test_bug_a_rounding_was_named_in_place_of_a_disturbance_on_one_line(share, n_doubts):
+    """The linear part had followed it, which cost 55 on the other lines; here 47 and 39 of 400 are the law's."""
+    null, law = fit([20, 0, 0, 0, 0, 0, 30, 0]), fit([0.0] * 8)
+    of_gain = [share, np.sqrt(1 - share**2), 0, 0, 0, 0, 1, 0]  # on the other lines, and on this one
+    null.jacobian = np.transpose([of_gain])
+    found = doubts(null, law, "drive_quantization", DEFAULTS)
+    assert sum("is on one line" in one for one in found) == n_doubts
+
+
+def spring_on_line(by_spring, by_gain=(0.0, 0.0), left=0.0):
+    """Doubts about a spring that takes 200 from the line at 2.5 Hz of the only record.
+
+    What the spring and the gain change: the real part at 0.5 Hz and the imaginary part at 2.5 Hz.
+    """
+    null = fit([0, 0, 0, 0, 0, 0, np.sqrt(200.0 + left), 0])
+    law = fit([0, 0, 0, 0, 0, 0, np.sqrt(left), 0], modes=[Effect("cable_spring", {"stiffness": Param(1.0)})])
+    law.jacobian = np.zeros((8, 2))
+    law.jacobian[[0, 6]] = np.transpose([by_gain, by_spring])
+    return doubts(null, law, "cable_spring", DEFAULTS)
+
+
+@pytest.mark.parametrize(
+    ("by_spring", "by_gain", "left", "n_doubts"),
+    [
+        ((0.99, 1.0), (0.0, 0.0), 0.0, 0),
+        ((0.0, 0.0), (0.0, 0.0), 0.0, 1),  # it has no effect here
+        ((1.01, 1.0), (0.0, 0.0), 0.0, 1),  # it would show more on another line
+        ((0.0, 1.0), (0.1, 0.1), 0.0, 0),  # beside the gain, half of it is there
+        ((0.0, 1.0), (0.09, 0.1), 0.0, 1),
+        ((0.0, 1.0), (0.0, 0.0), 5.9, 0),  # of two numbers 5.99 is exceeded by one of twenty
+        ((0.0, 1.0), (0.0, 0.0), 6.1, 1),
+    ],
+)
+def test_bug_a_spring_that_shows_on_the_lowest_line_was_only_the_nearest(by_spring, by_gain, left, n_doubts):
+    """It has to be there, and in this phase (5319, spring 26 and damping 19)."""
+    assert len(spring_on_line(by_spring, by_gain, left)) == n_doubts
+
+
+def test_a_rounding_has_a_shape_that_may_follow_a_disturbance():
+    law = fit([0.0] * 8, modes=[Effect("drive_quantization", {"step": Param(1.0)})])
+    law.jacobian = np.outer(np.eye(8)[6], [0, 1])
+    assert len(doubts(fit([0, 0, 0, 0, 0, 0, 15, 0]), law, "drive_quantization", DEFAULTS)) == 1
 
 
 def beside_response(inputs, nonlinear=0.0, effect="mass_unbalance"):

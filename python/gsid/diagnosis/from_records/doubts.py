@@ -16,6 +16,8 @@ from scipy import special
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import law
+from gsid.diagnosis.missing_torque.linear_fit import basis
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.effect import Param
@@ -38,7 +40,8 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     """
     found, line = [], strongest_line(null, fit)
     n = len(find(effect).parameters)
-    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings):
+    may_be_disturbance = line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings)
+    if may_be_disturbance and not is_foreseen(line, fit, effect, settings):
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
@@ -73,7 +76,7 @@ class StrongestLine:
     n_records, n_lines : int
         That have it, and their lines there: records of other periods may have several.
     elsewhere : float
-        Fall of the cost on all other lines together.
+        Fall of the cost of the other lines, if both fits are to them alone (DIA-17).
     """
 
     f_hz: float
@@ -106,15 +109,62 @@ def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
     null, fit : PlantFit
         To the same records.
     """
-    spacing_hz = max(one.spectra.f_hz[1] - one.spectra.f_hz[0] for one in fit.records)
-    lines = [np.rint(one.spectra.f_hz[one.line] / spacing_hz).astype(int) for one in fit.records]
+    spacing_hz = _spacing_hz(fit)
+    lines = _numbers(fit)
     line, n_records = np.concatenate(lines), np.bincount(np.concatenate([np.unique(one) for one in lines]))
     before, after = (np.bincount(line, np.concatenate(_costs(each))) for each in (null, fit))
     fall = before - after
     i = int(np.argmax(fall))
-    elsewhere = float(np.sum(fall) - fall[i])
-    counts = int(n_records[i]), int(np.bincount(np.concatenate(lines))[i])
+    others = np.tile(line != i, 2)
+    elsewhere = _cost_of_fit_to(others, null) - _cost_of_fit_to(others, fit)
+    counts = int(n_records[i]), int(np.bincount(line)[i])
     return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), *counts, elsewhere)
+
+
+def _cost_of_fit_to(rows: np.ndarray, fit: PlantFit) -> float:
+    """Cost of a fit to some of its numbers, linearised at the fit to all.
+
+    The parameters follow a disturbance on one line, at the cost of all others.
+    """
+    error, known = fit.residual[rows], basis(fit.jacobian[rows])
+    return float(error @ error - np.sum((known.T @ error) ** 2))
+
+
+def _spacing_hz(fit: PlantFit) -> float:
+    return max(one.spectra.f_hz[1] - one.spectra.f_hz[0] for one in fit.records)
+
+
+def _numbers(fit: PlantFit) -> list[np.ndarray]:
+    """Numbers of the lines of each record, in the largest spacing of all."""
+    spacing_hz = _spacing_hz(fit)
+    return [np.rint(one.spectra.f_hz[one.line] / spacing_hz).astype(int) for one in fit.records]
+
+
+def is_foreseen(line: StrongestLine, fit: PlantFit, effect: str, settings: DecisionSettings) -> bool:
+    """Whether a law that has only a strength has to show on this line, and explains it with noise left.
+
+    Such a law has no shape that follows a disturbance: where it changes the output most, beside all other
+    parameters, is certain before its strength is known. A disturbance would have to be on that very line,
+    locked to the period, and of the law's phase.
+
+    Parameters
+    ----------
+    line : StrongestLine
+    fit : PlantFit
+        With the law.
+    effect : str
+        The law.
+    settings : DecisionSettings
+    """
+    (strength, *others), n = find(effect).parameters, 2 * line.n_lines
+    has_shapes = others or not (is_linear(effect) or law(find(effect)).coefficients)
+    if has_shapes or float(special.chdtrc(n, line.after)) < settings.p_foreseen:
+        return False
+    i = fit.model.free_names.index(f"{label_of(fit.model, effect)}.{strength.name}")
+    column, known = fit.jacobian[:, i], basis(np.delete(fit.jacobian, i, axis=1))
+    power = np.sum(np.split((column - known @ (known.T @ column)) ** 2, 2), axis=0)
+    on_line = np.concatenate(_numbers(fit)) == round(line.f_hz / _spacing_hz(fit))
+    return bool(np.sum(power[on_line]) >= settings.foreseen_share * np.sum(power) > 0)
 
 
 def explains_linear_response(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:

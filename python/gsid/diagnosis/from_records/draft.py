@@ -107,7 +107,8 @@ def _is_doubtful(stage: FirstStage, model: PlantModel, settings: DecisionSetting
 
     Beside a linear part in a wrong minimum a law of the angle may explain most, but it leaves much. A mode
     may take the place of one that has moved to where another linear effect is missing; so may each linear
-    effect beside values far from the given ones, and a mode that is damped like a body.
+    effect beside values far from the given ones, and a mode that is damped like a body. Where no law is
+    named, values far from the given ones may themselves hide a missing linear effect.
     """
     best = stage.ranking[0]
     if stage.conclusion.kind == "none":
@@ -115,9 +116,11 @@ def _is_doubtful(stage: FirstStage, model: PlantModel, settings: DecisionSetting
     is_mode = find(best.effects[0]).linear_part == "mode"
     if is_mode and (stage.cost_per_dof > settings.much_left or best.params["zeta"] >= settings.zeta_of_mode):
         return True
-    if is_linear(best.effects[0]) and _has_strayed(best.linear, model, settings.strayed):
-        return True
     is_law = stage.conclusion.kind == "named" and not is_linear(best.effects[0])
+    may_have_strayed = [] if is_law else [stage.linear]
+    may_have_strayed += [best.linear] if is_linear(best.effects[0]) else []
+    if any(_has_strayed(linear, model, settings.strayed) for linear in may_have_strayed):
+        return True
     return best.cost_per_dof > (settings.much_left if is_law else settings.adequate)
 
 

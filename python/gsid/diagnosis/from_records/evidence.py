@@ -80,15 +80,17 @@ class Evidence:
         return replace(self, null=null, laws=laws)
 
     def kept(self, one: Simulated) -> float:
-        """Kept-out cost; that of the linear part for a law that lowers no cost.
+        """Kept-out cost; that of the linear part for a law that lowers no cost, and of the fit if that is more.
 
         Linearised at a strength of 0 any shape of a law is as good, and the records left out may choose one.
+        Linearised far from a minimum, it is that of the minimum, which the fit has not reached.
 
         Parameters
         ----------
         one : Simulated
         """
-        return one.kept if one.cost < self.null.cost else max(one.kept, self.null.kept)
+        kept = one.kept if one.has_reliable_share else max(one.kept, one.cost / one.fit.n_dof)
+        return kept if one.cost < self.null.cost else max(kept, self.null.kept)
 
     def excess(self, one: Simulated) -> float:
         """Kept-out cost above noise.
@@ -234,6 +236,24 @@ class Evidence:
         one : Simulated
         """
         return is_linear(one.effects[0]) and self.all_linear
+
+    def is_exact(self, one: Simulated) -> bool:
+        """Whether a linear effect leaves no significant misfit: a share of a small one says little then.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return self.is_among_linear(one) and self.is_adequate(one) and one.fit.misfit == 0
+
+    def has_known_share(self, one: Simulated) -> bool:
+        """Whether the misfit, and what a fit leaves of it, are so large that their sizes are known.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return self.excess(self.null) > 0 and (self.excess(one) == 0 or not self.is_exact(one))
 
     def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
         """Whether the odds of a fit against another, with a price for each parameter, exclude it (DIA-12).

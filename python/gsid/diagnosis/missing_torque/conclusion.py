@@ -109,11 +109,17 @@ def choose(candidates: Sequence[Candidate], misfit: Misfit, settings: SearchSett
     misfit : Misfit
     settings : SearchSettings
     """
-    kept = min(candidates, key=lambda one: one.kept)
-    family = [one for one in candidates if one.family == kept.family]
+    least = min(candidates, key=lambda one: _reached(one, misfit))
+    family = [one for one in candidates if one.family == least.family]
     best = min(family, key=lambda one: one.cost)
     good = [one for one in family if not _is_worse(one, best, misfit, settings)]
     return min(good, key=lambda one: (one.n_parameters, one.cost))
+
+
+def _reached(one: Candidate, misfit: Misfit) -> float:
+    """Kept-out cost that a fit has reached: linearised far from its minimum, it is that of the minimum."""
+    cost = one.cost / misfit.n_rows
+    return one.kept if one.kept > cost - misfit.noise else cost
 
 
 def equals(
