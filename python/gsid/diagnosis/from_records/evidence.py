@@ -80,10 +80,11 @@ class Evidence:
         return replace(self, null=null, laws=laws)
 
     def kept(self, one: Simulated) -> float:
-        """Kept-out cost; that of the linear part for a law that lowers no cost, and of the fit if that is more.
+        """Kept-out cost; at least that of the linear part for a law that lowers no cost.
 
         Linearised at a strength of 0 any shape of a law is as good, and the records left out may choose one.
-        Linearised far from a minimum, it is that of the minimum, which the fit has not reached.
+        Linearised far from a minimum, it is that of the minimum, which the fit has not reached: its own cost
+        counts there if it is higher.
 
         Parameters
         ----------
