@@ -102,7 +102,7 @@ def test_a_line_of_few_records_is_no_evidence_for_a_law_of_many_parameters(effec
 
 @pytest.mark.parametrize(("share", "n_doubts"), [(0.0, 0), (0.94, 0), (0.95, 1)])
 def test_bug_a_rounding_was_named_in_place_of_a_disturbance_on_one_line(share, n_doubts):
-    """The linear part had followed it, at the cost of the other lines: of 400 there 47 or 39 are the law's."""
+    """The linear part had followed it, at the cost of the other lines: 47 or 39 of 400 are the law's."""
     null, law = fit([20, 0, 0, 0, 0, 0, 30, 0]), fit([0.0] * 8)
     of_gain = [share, np.sqrt(1 - share**2), 0, 0, 0, 0, 1, 0]  # on the other lines, and on this one
     null.jacobian = np.transpose([of_gain])
