@@ -239,7 +239,7 @@ class Evidence:
         return is_linear(one.effects[0]) and self.all_linear
 
     def is_exact(self, one: Simulated) -> bool:
-        """Whether a linear effect leaves no significant misfit: a share of a small one says little then.
+        """Whether a linear effect leaves no significant misfit: what share of it is then not known.
 
         Parameters
         ----------

@@ -11,6 +11,7 @@ from gsid.base.hold import DECLARE, MEANING, other_reading
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.canonical import unit_of_values
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.one_line import remark_on_one_line
 from gsid.diagnosis.from_records.probability import probabilities
 from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.from_records.shown_models import (
@@ -31,6 +32,7 @@ from gsid.plant.model import OUTPUTS
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.rounds import Rounds
     from gsid.diagnosis.from_records.run import Run
+    from gsid.diagnosis.from_records.settings import DecisionSettings
 
 
 def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
@@ -87,7 +89,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         next_experiment="" if run.interrupted else _next_experiment(shown),
         other_delay_s=fit_shown(run, kept).other_delay_s if run.null else None,
         delay_hold_uncertainty_s=fit_shown(run, kept).delay_hold_uncertainty_s if run.null else None,
-        remarks=[*run.notes, *_unsettled(final if kept else run.shown)],
+        remarks=[*run.notes, *_remarks_on_fit(final if kept else run.shown, run.settings)],
         basis=basis,
         probabilities=known,
         interrupted=run.interrupted,
@@ -95,10 +97,12 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
     )
 
 
-def _unsettled(shown: Simulated | None) -> list[str]:
-    """Warning of the fit that the result is of; those of the trials tell nothing of it."""
-    text = unsettled_text(shown.fit) if shown is not None and shown.fit.unsettled else ""
-    return [f"{text[0].upper()}{text[1:]}."] if text else []
+def _remarks_on_fit(shown: Simulated | None, settings: DecisionSettings) -> list[str]:
+    """Remarks on the fit that the result is of; those of the trials tell nothing of it."""
+    if shown is None:
+        return []
+    text = unsettled_text(shown.fit) if shown.fit.unsettled else ""
+    return [*([f"{text[0].upper()}{text[1:]}."] if text else []), *remark_on_one_line(shown.fit, settings)]
 
 
 def _basis(run: Run) -> Basis | None:
