@@ -54,6 +54,16 @@ def test_the_best_experiment_is_written_as_a_period_of_the_command(files, gsid, 
     assert np.max(np.abs(period.u - ranked[0].command)) == 0
 
 
+def test_bug_models_in_the_other_order_were_not_distinguished(files, gsid):
+    """The friction that gives first imitates the dry one; in that order there was no experiment."""
+    one, other = (
+        json.loads(gsid("design", "next", files / "rec.csv", "--model", a, "--rival", b, "--json").out)
+        for a, b in [(files / "dry.json", files / "giving.json"), (files / "giving.json", files / "dry.json")]
+    )
+    assert one == other
+    assert "To distinguish dry.json from giving.json" in one["sentence"]
+
+
 def test_no_experiment_exceeds_the_limits(files, gsid, tmp_path):
     models = ["--model", files / "dry.json", "--rival", files / "giving.json"]
     limits = ["--limit-command", 30, "--limit-travel-deg", 0.05]

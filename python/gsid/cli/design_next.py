@@ -53,7 +53,7 @@ def design_next(
 
     Both models are simulated with variations of the excitation of REC, of several that with the largest
     input. The experiments are ranked by the expected difference of the costs, without the part that the free
-    values of the first model can imitate. Check the command and the travel against the rig.
+    values of the simpler model can imitate. Check the command and the travel against the rig.
     """
     limits = {"limit_command": limit_command, "limit_travel_deg": limit_travel_deg}
     distinguishing(records, model_path, rival_path, output=output, picture=picture, as_json=as_json, **limits)
@@ -78,18 +78,22 @@ def distinguishing(
 
     models = load_plant(model_path), load_plant(rival_path)
     names = Path(model_path).name, Path(rival_path).name
+    limit = limit_command or math.inf
     with working("simulating both models"), options_as_arguments():
         measured = max(spectra_of(records), key=lambda one: float(abs(one.u).max()))
-        ranked = next_experiment(*models, measured, limit=limit_command or math.inf)
-        ranked = _within(ranked, models[0], limit_travel_deg)
+        # A model with more effects imitates the other one, but not the other way round.
+        orders = (models, names), (models[::-1], names[::-1])
+        menus = [
+            (_within(next_experiment(*pair, measured, limit=limit), pair[0], limit_travel_deg), of)
+            for pair, of in orders
+        ]
+        ranked, names = max(menus, key=lambda menu: menu[0][0].separation if menu[0] else 0.0)
     best = ranked[0] if ranked and ranked[0].separation >= ENOUGH else None
     if output and best:
         best.save(output)
         print_message(f"wrote {output}")
     elif output:
-        print_message(
-            f"{output} was not written: in this order no experiment distinguishes the models; try the other"
-        )
+        print_message(f"{output} was not written: no experiment distinguishes the models")
     if ranked:
         draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
     sentence = _sentence(best, names, models[0], measured)
