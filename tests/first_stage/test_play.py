@@ -439,6 +439,17 @@ def test_play_is_named_from_the_records_alone():
     assert "gear_backlash" not in found.not_tried
 
 
+def test_bug_an_effect_of_play_that_was_added_raised_the_cost():
+    """Of four sizes at the values without play the best ended at 766 times the noise, from 343."""
+    trial = hard.make_hard(110101, 36, "single")
+    given = PlantModel.from_dict(trial.models[0.3], "given")
+    found = gsid.add("gear_backlash", given, [record_of(u, y) for u, y in trial.records])
+    assert found.fit.cost_per_dof < DEFAULTS.adequate < 100 < found.rung.before["cost_per_dof"]
+    (hidden,) = trial.key["effects"]
+    gap = found.model["gear_backlash.gap_deg"].value
+    assert gap == pytest.approx(hidden["params"]["gap_deg"], rel=0.03)
+
+
 @pytest.mark.parametrize("decision", [Decision(UNKNOWN), Decision(NEAREST, ("gear_backlash",))])
 def test_play_that_leaves_more_than_noise_is_not_fitted_again(monkeypatch, decision):
     """A bug: a diagnosis that could not name play took up to 88 s, and then fitted it once more."""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import likelier, other_reading
 from gsid.base.tables import paragraphs
@@ -25,6 +26,7 @@ from gsid.comparison import Comparison, compare
 from gsid.diagnosis.closed_loop import in_closed_loop
 from gsid.diagnosis.effect_starts import effect_starts, fixed_parameters
 from gsid.diagnosis.error_fall import fall_p_value
+from gsid.diagnosis.from_records.play import fit_play_from
 from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
 from gsid.effects.types import EffectType, find
 from gsid.greybox.better_start import fit_from_better_start
@@ -33,6 +35,7 @@ from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import same_level
 from gsid.models.hold import facts_of
 from gsid.plant.effect import Param
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.held_out import check_held_out
@@ -442,7 +445,7 @@ def _best_fit(
     for i, start in enumerate(starts, 1):
         on_step(f"fitting {effect.id}, start {i} of {len(starts)}")
         try:
-            fitted = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
+            fitted = _fitted(before, effect, start, measured, band)
         except CANNOT_FIT as error:
             failure = error
             continue
@@ -455,6 +458,19 @@ def _best_fit(
         )
     promising = before.cost - best.cost > WORTH
     return fit_plant(best.model, measured, band=band) if promising and not best.converged else best
+
+
+def _fitted(
+    before: PlantFit,
+    effect: EffectType,
+    start: PlantModel,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+) -> PlantFit:
+    """The first fit from a start; that of play goes on beyond the steps of its cost."""
+    if effect.id == BACKLASH:
+        return fit_play_from(start, before.cost, measured, band, before.cost, Deadline())
+    return fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
 
 
 def _rung(

@@ -19,6 +19,7 @@ from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.held_sensor_rates import likely_rates
+from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.linear_fit import fit_null
@@ -29,6 +30,7 @@ from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.effects.types import EffectType
 from gsid.greybox.fit import PlantFit
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 
 GRID_STARTS = 2  # points of a law's grid that are starts beside the joint fit
@@ -82,11 +84,12 @@ def effect_starts(
     if effect.linear_part == "hold":
         (rate,) = effect.names
         return [_held(fit, effect, rate, rate_hz) for rate_hz in likely_rates(fit, effect[rate].grid)]
-    if _has_column(effect, fit.model):
+    found = []
+    if effect.id == BACKLASH:
+        found = [joint_start(fit, fit.model, deadline, is_clear=True)]
+    elif _has_column(effect, fit.model):
         found = _by_first_stage(fit, effect, band, deadline or Deadline())
-        if found:
-            return found
-    return [_best_size(fit, effect)]
+    return [one for one in found if one is not None] or [_best_size(fit, effect)]
 
 
 def _has_column(effect: EffectType, model: PlantModel) -> bool:
