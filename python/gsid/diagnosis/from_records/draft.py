@@ -9,6 +9,7 @@ from typing import Any
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import LINEAR_KINDS
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits, fit_null
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage, in_time
@@ -19,7 +20,7 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 from gsid.structure.start import start
 
-LINEAR_PARTS = {"damping", "spring", "delay", "lag", "mode", "hold"}
+LINEAR_PARTS = LINEAR_KINDS | {"hold"}
 
 
 @dataclass(frozen=True, eq=False)
