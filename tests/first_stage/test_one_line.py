@@ -16,11 +16,12 @@ def fit(*costs, variance_dof=DOF):
     """A fit to records with these costs of their lines, every half hertz."""
     records = [
         SimpleNamespace(
+            name="" if i else "low.csv",
             line=np.arange(1, len(one) + 1),
             residual=np.concatenate([np.sqrt(one), np.zeros(len(one))]),
             spectra=SimpleNamespace(f_hz=0.5 * np.arange(len(one) + 1)),
         )
-        for one in map(np.asarray, costs)
+        for i, one in enumerate(map(np.asarray, costs))
     ]
     n = 2 * sum(map(len, costs))
     cost = float(sum(map(np.sum, costs)))
@@ -40,6 +41,11 @@ def test_bug_a_cost_of_three_times_noise_was_no_missing_effect_without_a_word():
     one[3] = 300.0
     (found,) = remark(noise, one)
     assert found.startswith("56 % of the cost is on one line, 2 Hz of record 1 (p = 3e-17)")
+
+
+def test_the_record_has_its_name():
+    (found,) = remark([300.0, *[2.0] * N_LINES])
+    assert "0.5 Hz of low.csv" in found
 
 
 @pytest.mark.parametrize(("cost", "n"), [(29.2, 0), (29.4, 1)])

@@ -189,8 +189,10 @@ def test_only_the_fit_of_the_result_is_doubted_for_its_steady_state(monkeypatch,
     fits._in_slices(None, None, Deadline())
     assert asked == [True]
     text = ["No steady state was found for low.csv, record 2: do not trust this fit."]
-    assert summary._unsettled(SimpleNamespace(fit=fit)) == (text if names else [])
-    assert summary._unsettled(None) == []
+    monkeypatch.setattr(summary, "remark_on_one_line", lambda *_: ["one line"])
+    shown = SimpleNamespace(fit=fit)
+    assert summary._remarks_on_fit(shown, DEFAULTS) == [*(text if names else []), "one line"]
+    assert summary._remarks_on_fit(None, DEFAULTS) == []
 
 
 @pytest.mark.parametrize("quiet", [False, True])
