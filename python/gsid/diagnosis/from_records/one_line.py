@@ -30,7 +30,8 @@ def remark_on_one_line(fit: PlantFit, settings: DecisionSettings) -> list[str]:
         return []
     one = fit.records[i]
     f_hz = one.spectra.f_hz[one.line[np.argmax(costs[i])]]
+    name = one.name or f"record {i}"
     return [
-        f"{100 * largest[i] / fit.cost:.0f} % of the cost is on one line, {f_hz:.4g} Hz of {one.name or f'record {i}'}"
+        f"{100 * largest[i] / fit.cost:.0f} % of the cost is on one line, {f_hz:.4g} Hz of {name}"
         f" (p = {p_value:.1g}): a disturbance of that frequency, locked to the period, does this."
     ]
