@@ -1,6 +1,7 @@
 """gsid design next: the experiment that distinguishes two models."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,35 @@ def test_bug_models_in_the_other_order_were_not_distinguished(files, gsid):
     )
     assert one == other
     assert "To distinguish dry.json from giving.json" in one["sentence"]
+
+
+def test_the_travel_of_both_models_is_within_the_limit(files, gsid):
+    """A softer axis travels further: an experiment was checked with the model that was given first."""
+    record, limit = files / "rec.csv", 0.02
+    soft = PlantModel.load(files / "dry.json")
+    soft["rigid_body.gain"].value *= 3
+    soft.save(files / "soft.json")
+    for a, b in [("dry.json", "soft.json"), ("soft.json", "dry.json")]:
+        models = ["--model", files / a, "--rival", files / b]
+        found = json.loads(gsid("design", "next", record, *models, "--json").out)["experiments"]
+        allowed = [one for one in found if one["travel"] / 2 <= limit]
+        assert allowed != found
+        within = gsid("design", "next", record, *models, "--limit-travel-deg", limit, "--json")
+        assert json.loads(within.out)["experiments"] == allowed
+        for one in found:
+            command = next(e for e in next_experiment(soft, soft, _spectra(files)) if e.words == one["words"])
+            assert one["travel"] >= command.travel * (1 - 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"), [({"output": "angle"}, "output"), ({"angle_unit": "rad"}, "unit of the angle")]
+)
+def test_models_of_different_outputs_are_refused(files, gsid, change, text):
+    replace(PlantModel.load(files / "dry.json"), **change).save(files / "other.json")
+    models = ["--model", files / "dry.json", "--rival", files / "other.json"]
+    found = gsid("design", "next", files / "rec.csv", *models)
+    assert found.code != 0
+    assert f"the models differ in their {text}" in found.err
 
 
 def test_no_experiment_exceeds_the_limits(files, gsid, tmp_path):

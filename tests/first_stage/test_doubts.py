@@ -128,7 +128,7 @@ def spring_on_line(by_spring, by_gain=(0.0, 0.0), left=0.0):
         ((0.99, 1.0), (0.0, 0.0), 0.0, 0),
         ((0.0, 0.0), (0.0, 0.0), 0.0, 1),  # it has no effect here
         ((1.01, 1.0), (0.0, 0.0), 0.0, 1),  # it would show more on another line
-        ((0.0, 1.0), (0.1, 0.1), 0.0, 0),  # beside the gain, half of it is there
+        ((0.0, 1.0), (0.11, 0.1), 0.0, 0),  # beside the gain, more than half of it is there
         ((0.0, 1.0), (0.09, 0.1), 0.0, 1),
         ((0.0, 1.0), (0.0, 0.0), 5.9, 0),  # of two numbers 5.99 is exceeded by one of twenty
         ((0.0, 1.0), (0.0, 0.0), 6.1, 1),
@@ -137,6 +137,23 @@ def spring_on_line(by_spring, by_gain=(0.0, 0.0), left=0.0):
 def test_bug_a_spring_that_shows_on_the_lowest_line_was_only_the_nearest(by_spring, by_gain, left, n_doubts):
     """It has to be there, and in this phase (5319, spring 26 and damping 19)."""
     assert len(spring_on_line(by_spring, by_gain, left)) == n_doubts
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "free", "n_doubts"),
+    [
+        ("viscous_friction", "rate", True, 0),
+        ("coulomb_friction", "level", True, 0),
+        ("coulomb_friction", "level", False, 1),
+        ("motor_lag", "time_constant_s", True, 1),  # it changes the response otherwise at each value
+        ("sensor_sample_hold", "rate_hz", False, 1),  # its rate is never free
+    ],
+)
+def test_only_a_law_with_a_free_coefficient_is_foreseen(effect, name, free, n_doubts):
+    law = fit([0.0] * 8, modes=[Effect(effect, {name: Param(1.0, free=free)})])
+    law.jacobian = np.outer(np.eye(8)[6], [0, 1] if free else [0])
+    found = doubts(fit([0, 0, 0, 0, 0, 0, 15, 0]), law, effect, DEFAULTS)
+    assert sum("is on one line" in one for one in found) == n_doubts
 
 
 def test_a_rounding_has_a_shape_that_may_follow_a_disturbance():

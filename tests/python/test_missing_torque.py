@@ -520,7 +520,7 @@ def test_the_simpler_member_of_a_family_is_taken_unless_it_is_worse():
     assert choose([stribeck, worse], MISFIT, DEFAULTS) is stribeck
 
 
-@pytest.mark.parametrize(("cost", "first"), [(2180.0, "flexible_mode"), (2200.0, "viscous_friction")])
+@pytest.mark.parametrize(("cost", "first"), [(2200.0, "flexible_mode"), (2220.0, "viscous_friction")])
 def test_bug_a_fit_that_had_not_converged_was_best_by_its_minimum(cost, first):
     """More than two standard deviations, 0.063 per number, above its kept-out cost (5319, damping 48)."""
     mode, damping = candidate("flexible_mode", 1.03, cost), candidate("viscous_friction", 1.04)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.errors import InputError
 from gsid.base.tables import Table
 from gsid.cli.files_in_use import INPUT, OUTPUT
 from gsid.cli.options import (
@@ -52,8 +54,9 @@ def design_next(
     """Choose the next experiment: the one in which two models differ most.
 
     Both models are simulated with variations of the excitation of REC, of several that with the largest
-    input. The experiments are ranked by the expected difference of the costs, without the part that the free
-    values of the simpler model can imitate. Check the command and the travel against the rig.
+    input. The experiments are ranked by the expected difference of the costs if one of the models is the
+    axis, without the part that the free values of the other can imitate; of both cases the clearer one.
+    Check the command and the travel against the rig.
     """
     limits = {"limit_command": limit_command, "limit_travel_deg": limit_travel_deg}
     distinguishing(records, model_path, rival_path, output=output, picture=picture, as_json=as_json, **limits)
@@ -79,15 +82,17 @@ def distinguishing(
     models = load_plant(model_path), load_plant(rival_path)
     names = Path(model_path).name, Path(rival_path).name
     limit = limit_command or math.inf
+    _require_same_output(models, names)
     with working("simulating both models"), options_as_arguments():
         measured = max(spectra_of(records), key=lambda one: float(abs(one.u).max()))
-        # A model with more effects imitates the other one, but not the other way round.
-        orders = (models, names), (models[::-1], names[::-1])
+        # Each of the models may be the axis: one with more effects imitates the other, but not vice versa.
+        both = [next_experiment(*each, measured, limit=limit) for each in (models, models[::-1])]
         menus = [
-            (_within(next_experiment(*pair, measured, limit=limit), pair[0], limit_travel_deg), of)
-            for pair, of in orders
+            _within(_with_travel_of_both(one, other), models[0], limit_travel_deg)
+            for one, other in (both, both[::-1])
         ]
-        ranked, names = max(menus, key=lambda menu: menu[0][0].separation if menu[0] else 0.0)
+        i = max((0, 1), key=lambda i: menus[i][0].separation if menus[i] else 0.0)
+        ranked, names = menus[i], (names, names[::-1])[i]
     best = ranked[0] if ranked and ranked[0].separation >= ENOUGH else None
     if output and best:
         best.save(output)
@@ -114,6 +119,21 @@ def distinguishing(
     print(sentence)
     print()
     _print(ranked, models[0], measured.u_unit)
+
+
+def _require_same_output(models: Sequence[PlantModel], names: Sequence[str]) -> None:
+    """Outputs in different units cannot be compared."""
+    first, second = ({"output": one.output, "unit of the angle": one.angle_unit} for one in models)
+    for what, value in first.items():
+        if second[what] != value:
+            hint = f"{names[0]} has {value}; both models have to be of the same output"
+            raise InputError(f"the models differ in their {what}", names[1], second[what], hint)
+
+
+def _with_travel_of_both(ranked: Sequence[Experiment], other: Sequence[Experiment]) -> list[Experiment]:
+    """The larger travel of either model: the axis may be each of them."""
+    travel = {one.words: one.travel for one in other}
+    return [replace(one, travel=max(one.travel, travel.get(one.words, 0.0))) for one in ranked]
 
 
 def _within(ranked: Sequence[Experiment], model: PlantModel, limit_deg: float | None) -> list[Experiment]:

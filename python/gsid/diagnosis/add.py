@@ -30,7 +30,14 @@ from gsid.diagnosis.from_records.play import fit_play_from
 from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
 from gsid.effects.types import EffectType, find
 from gsid.greybox.better_start import fit_from_better_start
-from gsid.greybox.fit import CANNOT_FIT, PlantFit, as_assumed, fit_plant, require_motion
+from gsid.greybox.fit import (
+    CANNOT_FIT,
+    PlantFit,
+    as_assumed,
+    fit_plant,
+    require_motion,
+    unsettled_text,
+)
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import same_level
 from gsid.models.hold import facts_of
@@ -175,7 +182,8 @@ def add(
     before = first(model, split.fitted, band=band)
     require_motion(before)
     data = _read(split, before.hold) if before.hold_assumed else split
-    after = _best_fit(before, known, _starts(before, known, params, band), data.fitted, band, on_step)
+    starts = _starts(before, known, params, band, model)
+    after = _best_fit(before, known, starts, data.fitted, band, on_step)
     if before.hold_assumed:
         on_step("fitting with the other hold")
         before, after, data = _with_likelier_hold(before, after, split, band)
@@ -406,14 +414,18 @@ def _title(model: PlantModel, at: int) -> str:
 
 
 def _starts(
-    fit: PlantFit, effect: EffectType, params: Mapping[str, float] | None, band: tuple[float, float] | None
+    fit: PlantFit,
+    effect: EffectType,
+    params: Mapping[str, float] | None,
+    band: tuple[float, float] | None,
+    given: PlantModel,
 ) -> list[PlantModel]:
     """The model with the effect at each starting point: given, found from the data, or typical values."""
     if effect.definition:
         return [fit.model.with_effect(effect, dict(params or {}))]
     if params is not None:
         return [fit.model.with_effect(effect, dict(params), fixed=fixed_parameters(effect))]
-    return effect_starts(fit, effect, band)
+    return effect_starts(fit, effect, band, given=given)
 
 
 def _note_places_outside(fit: PlantFit) -> None:
@@ -469,7 +481,10 @@ def _fitted(
 ) -> PlantFit:
     """The first fit from a start; that of play goes on beyond the steps of its cost."""
     if effect.id == BACKLASH:
-        return fit_play_from(start, before.cost, measured, band, before.cost, Deadline())
+        play = fit_play_from(start, before.cost, measured, band, before.cost, Deadline(), STEPS_TRIED)
+        if play.unsettled:
+            _log.warning(unsettled_text(play))
+        return play
     return fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
 
 

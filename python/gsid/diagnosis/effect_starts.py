@@ -2,8 +2,9 @@
 
 A law gets those of its joint fit with the linear part along the measured motion, an effect of the linear
 part those of its fit in the frequency domain. A sensor that is sampled and held gets its rate from its
-images. What has no column along the measured motion (play, a map of the command inside a closed loop) gets
-the best of several sizes by simulation.
+images. Play gets those of its fit along the measured motion of the load. What has no such start (play that
+this motion does not show, a map of the command inside a closed loop) gets the best of several sizes by
+simulation.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -29,7 +31,7 @@ from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, linear_candid
 from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.effects.types import EffectType
-from gsid.greybox.fit import PlantFit
+from gsid.greybox.fit import CANNOT_FIT, PlantFit
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 
@@ -58,6 +60,7 @@ def effect_starts(
     effect: EffectType,
     band: tuple[float, float] | None = None,
     deadline: Deadline | None = None,
+    given: PlantModel | None = None,
 ) -> list[PlantModel]:
     """Models with one more effect, at the values that a fit by simulation should start from.
 
@@ -70,6 +73,8 @@ def effect_starts(
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
     deadline : Deadline, optional
+    given : PlantModel, optional
+        The model before its fit, which may have moved a mode to imitate play.
 
     Returns
     -------
@@ -86,10 +91,18 @@ def effect_starts(
         return [_held(fit, effect, rate, rate_hz) for rate_hz in likely_rates(fit, effect[rate].grid)]
     found = []
     if effect.id == BACKLASH:
-        found = [joint_start(fit, fit.model, deadline, is_clear=True)]
+        found = _of_joint(fit, given or fit.model, deadline)
     elif _has_column(effect, fit.model):
         found = _by_first_stage(fit, effect, band, deadline or Deadline())
-    return [one for one in found if one is not None] or [_best_size(fit, effect)]
+    return found or [_best_size(fit, effect)]
+
+
+def _of_joint(fit: PlantFit, given: PlantModel, deadline: Deadline | None) -> list[PlantModel]:
+    """The model with play as the measured motion of the load shows it; none where it shows none."""
+    with suppress(*CANNOT_FIT):
+        start = joint_start(fit, given, deadline, is_clear=True)
+        return [] if start is None else [start]
+    return []
 
 
 def _has_column(effect: EffectType, model: PlantModel) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from gsid._lib import ffi
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -24,6 +25,7 @@ from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
+LINEAR_IN_STRENGTH = ("spring", "damping")  # a lag and a delay change the response otherwise at each value
 INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
 
 
@@ -141,10 +143,10 @@ def _numbers(fit: PlantFit) -> list[np.ndarray]:
 
 
 def is_foreseen(line: StrongestLine, fit: PlantFit, effect: str, settings: DecisionSettings) -> bool:
-    """Whether a law that has only a strength has to show on this line, and explains it with noise left.
+    """Whether a law with a single coefficient has to show on this line, and leaves only noise there.
 
     Such a law has no shape that follows a disturbance: where it changes the output most, beside all other
-    parameters, is certain before its strength is known. A disturbance would have to be on that very line,
+    parameters, is certain before its coefficient is known. A disturbance would have to be on that very line,
     locked to the period, and of the law's phase.
 
     Parameters
@@ -156,15 +158,28 @@ def is_foreseen(line: StrongestLine, fit: PlantFit, effect: str, settings: Decis
         The law.
     settings : DecisionSettings
     """
-    (strength, *others), n = find(effect).parameters, 2 * line.n_lines
-    has_shapes = others or not (is_linear(effect) or law(find(effect)).coefficients)
-    if has_shapes or float(special.chdtrc(n, line.after)) < settings.p_foreseen:
+    name, n = _only_coefficient(effect), 2 * line.n_lines
+    if name is None or float(special.chdtrc(n, line.after)) < settings.p_foreseen:
         return False
-    i = fit.model.free_names.index(f"{label_of(fit.model, effect)}.{strength.name}")
+    names, label = fit.model.free_names, f"{label_of(fit.model, effect)}.{name}"
+    if label not in names:
+        return False
+    i = names.index(label)
     column, known = fit.jacobian[:, i], basis(np.delete(fit.jacobian, i, axis=1))
     power = np.sum(np.split((column - known @ (known.T @ column)) ** 2, 2), axis=0)
     on_line = np.concatenate(_numbers(fit)) == round(line.f_hz / _spacing_hz(fit))
     return bool(np.sum(power[on_line]) >= settings.foreseen_share * np.sum(power) > 0)
+
+
+def _only_coefficient(effect: str) -> str | None:
+    """Name of the coefficient of a law that has no other parameter; None of any other law."""
+    kind = find(effect)
+    if len(kind.parameters) > 1:
+        return None
+    if kind.linear_part in LINEAR_IN_STRENGTH:
+        return kind.parameters[0].name
+    is_law = kind.c.torque != ffi.NULL and bool(law(kind).coefficients)
+    return kind.parameters[0].name if is_law else None
 
 
 def explains_linear_response(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:

@@ -80,18 +80,15 @@ class Evidence:
         return replace(self, null=null, laws=laws)
 
     def kept(self, one: Simulated) -> float:
-        """Kept-out cost; at least that of the linear part for a law that lowers no cost.
+        """Kept-out cost; that of the linear part for a law that lowers no cost.
 
         Linearised at a strength of 0 any shape of a law is as good, and the records left out may choose one.
-        Linearised far from a minimum, it is that of the minimum, which the fit has not reached: its own cost
-        counts there if it is higher.
 
         Parameters
         ----------
         one : Simulated
         """
-        kept = one.kept if one.has_reliable_share else max(one.kept, one.cost / one.fit.n_dof)
-        return kept if one.cost < self.null.cost else max(kept, self.null.kept)
+        return one.kept if one.cost < self.null.cost else max(one.kept, self.null.kept)
 
     def excess(self, one: Simulated) -> float:
         """Kept-out cost above noise.

@@ -25,7 +25,9 @@ def remark_on_one_line(fit: PlantFit, settings: DecisionSettings) -> list[str]:
     largest = [float(np.max(cost, initial=0.0)) for cost in costs]
     i = int(np.argmax(largest))
     n_lines = sum(len(cost) for cost in costs)
-    p_value = n_lines * float(special.fdtrc(2, 2 * fit.variance_dof, largest[i] / 2))
+    dof = fit.variance_dof
+    ratio = largest[i] / 2 * dof / (dof - 1)  # the weights are corrected for the scatter of the variances
+    p_value = n_lines * float(special.fdtrc(2, 2 * dof, ratio))
     if p_value >= settings.p_left or fit.cost - largest[i] > settings.adequate * fit.n_dof:
         return []
     one = fit.records[i]
@@ -33,5 +35,5 @@ def remark_on_one_line(fit: PlantFit, settings: DecisionSettings) -> list[str]:
     name = one.name or f"record {i}"
     return [
         f"{100 * largest[i] / fit.cost:.0f} % of the cost is on one line, {f_hz:.4g} Hz of {name}"
-        f" (p = {p_value:.1g}): a disturbance of that frequency, locked to the period, does this."
+        f" (p = {p_value:.1g}): a disturbance of that frequency, locked to the period, may do this."
     ]

@@ -90,6 +90,7 @@ def fit_play_from(
     band: tuple[float, float] | None,
     beaten: float,
     deadline: Deadline,
+    look: int = LOOK,
 ) -> PlantFit:
     """Fit a model with play from its values.
 
@@ -101,9 +102,11 @@ def fit_play_from(
         Cost of the fit without play.
     measured, band, beaten, deadline
         As `fit_play`.
+    look : int
+        Iterations of the first fit.
     """
     how = {"band": band, "deadline": deadline, "quiet": True}
-    fit = fit_plant(start, measured, max_iter=LOOK, **how)
+    fit = fit_plant(start, measured, max_iter=look, **how)
     if fit.cost < FORGIVEN * without:
         fit = _beyond_the_walls(fit, measured, band, deadline)
     if fit.cost < beaten and not fit.converged:

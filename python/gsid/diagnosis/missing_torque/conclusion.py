@@ -118,8 +118,7 @@ def choose(candidates: Sequence[Candidate], misfit: Misfit, settings: SearchSett
 
 def _reached(one: Candidate, misfit: Misfit) -> float:
     """Kept-out cost that a fit has reached: linearised far from its minimum, it is that of the minimum."""
-    cost = one.cost / misfit.n_rows
-    return one.kept if one.kept > cost - misfit.noise else cost
+    return max(one.kept, one.cost / misfit.n_rows - misfit.noise)
 
 
 def equals(
