@@ -107,7 +107,7 @@ class Evidence:
         one : Simulated
         """
         left = self.excess(one)
-        if left == 0:
+        if left == 0 or self.is_exact(one):
             return 1.0
         return 1 - left / (self.null.kept - self.floor) if self.null.kept > 1 else 0.0
 
@@ -236,22 +236,13 @@ class Evidence:
         return is_linear(one.effects[0]) and self.all_linear
 
     def is_exact(self, one: Simulated) -> bool:
-        """Whether a linear effect leaves no significant misfit: what share of it is then not known.
+        """Whether a linear effect leaves no significant misfit, beside all others that were tried.
 
         Parameters
         ----------
         one : Simulated
         """
         return self.is_among_linear(one) and self.is_adequate(one) and one.fit.misfit == 0
-
-    def has_known_share(self, one: Simulated) -> bool:
-        """Whether the misfit, and what a fit leaves of it, are so large that their sizes are known.
-
-        Parameters
-        ----------
-        one : Simulated
-        """
-        return self.excess(self.null) > 0 and (self.excess(one) == 0 or not self.is_exact(one))
 
     def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
         """Whether the odds of a fit against another, with a price for each parameter, exclude it (DIA-12).

@@ -82,7 +82,7 @@ def decide(evidence: Evidence) -> Decision:
     if evidence.is_nothing_missing():
         return Decision(ADEQUATE)
     share, effects = evidence.share(best), evidence.group(best)
-    left = 1 - share if evidence.has_known_share(best) else None
+    left = 1 - share if evidence.excess(evidence.null) > 0 else None
     reasons = tuple(against(evidence, best))
     if not reasons:
         return Decision(MISSING, effects, (), left)
@@ -153,7 +153,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
         reasons.append("The fit of the best law by simulation has not converged.")
     if best.cost >= evidence.null.cost:
         reasons.append("The best law fits no better than the linear part alone.")
-    if share < settings.named_share and not evidence.is_exact(best):
+    if share < settings.named_share:
         reasons.append(too_small(share, settings.named_share))
     if margin < settings.named_margin and not (adequate and evidence.is_clear(best)):
         reasons.append(too_close(margin, lead, evidence.is_beaten_by_none(best)))
