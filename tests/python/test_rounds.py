@@ -7,7 +7,7 @@ import pytest
 from plants import plant
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.base.errors import InputError
+from gsid.base.errors import InputError, SimulationError
 from gsid.diagnosis.from_records import rounds as rounds_of
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.law_part import without
@@ -69,6 +69,8 @@ class Run:
             raise OutOfTime("the time is over")
         if verdict == NO_LAW:
             raise InputError("no effect of the catalogue can be fitted", "a record")
+        if verdict == UNSTABLE:
+            raise SimulationError(-4, "the plant cannot be simulated")
         self.decision = Decision(verdict, (effect,) if effect else ())
         model = plant(GIVEN | {name: VALUES[name] for name in (*known, *([effect] if effect else []))})
         self.final = Fit((effect,), model) if effect else None
@@ -125,7 +127,7 @@ def found(**answers):
     return names(rounds.kept), rounds.first.notes
 
 
-OVER, NO_LAW, UNFIT = "the time is over", "no law is left", "unfit"
+OVER, NO_LAW, UNFIT, UNSTABLE = "the time is over", "no law is left", "unfit", "unstable"
 NOTHING = (ADEQUATE, None, 0.0)
 UNFITTED = (ADEQUATE, None, None)  # by the first stage: no work was left for a simulation
 COULOMB, CUBIC = (MISSING, "coulomb_friction", 0.99), (MISSING, "cubic_spring", 0.99)
@@ -162,6 +164,13 @@ def test_bug_without_a_further_law_to_look_for_the_first_effect_was_lost():
     rounds = judged(alone=COULOMB, coulomb_friction=(NO_LAW, None, 0.0))
     assert names(rounds.kept) == ["coulomb_friction"]
     assert rounds.first.not_tried == {"further effects": "no effect of the catalogue can be fitted"}
+
+
+def test_bug_laws_that_cannot_be_simulated_at_their_values_ended_the_diagnosis():
+    """A drag without the damping beside it (blind trial 110047 34, damping taken out)."""
+    rounds = judged(alone=COULOMB, coulomb_friction=(UNSTABLE, None, 0.0))
+    assert names(rounds.kept) == ["coulomb_friction"]
+    assert rounds.first.not_tried == {"further effects": "the plant cannot be simulated (status -4)"}
 
 
 def test_of_several_effects_with_one_id_as_many_are_left_out_as_are_named():

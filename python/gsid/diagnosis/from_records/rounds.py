@@ -22,6 +22,7 @@ from gsid.diagnosis.from_records.seek_play import seek_play_from_data
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
+from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 
@@ -315,8 +316,8 @@ def judged(
     except OutOfTime:
         before.not_tried["further effects"] = "the time was over"
         return None
-    except InputError as error:
-        before.not_tried["further effects"] = error.what
+    except CANNOT_FIT as error:  # the laws found so far cannot be simulated at their values
+        before.not_tried["further effects"] = error.what if isinstance(error, InputError) else str(error)
         return None
     if run.null is None or run.draft.stage.conclusion.kind != "none":
         confirm(run)
