@@ -386,6 +386,16 @@ def test_bug_a_share_of_a_small_misfit_kept_a_lag_from_its_name(
     assert found.unexplained_share == pytest.approx(unexplained, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("more", "group"),
+    [(13, ("motor_lag", "transport_delay")), (14, ("motor_lag",)), (-1, ("transport_delay", "motor_lag"))],
+)
+def test_bug_a_delay_was_named_a_lag_because_both_are_of_one_family(more, group):
+    """Its cost was 12.8 higher, significant within a family; the odds of 600 exclude it no more than another
+    linear effect (5320, delay 72)."""
+    assert decision(fit("motor_lag", 1.0), fit("transport_delay", above(1.0, more))).effects == group
+
+
 @pytest.mark.parametrize(("drop", "best", "share"), [(0, OTHER_FAMILY, 0.0), (1, LAW, 1.0)])
 def test_bug_a_law_without_strength_was_kept_out_best(drop, best, share):
     """A cogging of level 0 explained "100 %": linearised there any shape is as good (110014, single 26)."""

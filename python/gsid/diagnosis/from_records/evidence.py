@@ -233,7 +233,7 @@ class Evidence:
         ----------
         one : Simulated
         """
-        return is_linear(one.effects[0]) and self.all_linear
+        return bool(one.effects) and is_linear(one.effects[0]) and self.all_linear
 
     def is_exact(self, one: Simulated) -> bool:
         """Whether a linear effect leaves no significant misfit, beside all others that were tried.
@@ -351,21 +351,20 @@ class Evidence:
     def is_alike(self, one: Simulated, best: Simulated) -> bool:
         """Whether the data do not tell a law from the best: one of its family, or one of them is linear.
 
-        A simpler law of the family needs a clear difference to be excluded, not just a significant one.
+        Odds decide between linear effects, a lag and a delay too. A simpler law of the family needs a clear
+        difference to be excluded, not just a significant one.
 
         Parameters
         ----------
         one, best : Simulated
         """
+        if self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best):
+            return self.is_adequate(one) and not self.is_less_likely(one, best)
         if family_of(one) == family_of(best):
             simpler = n_parameters(one) < n_parameters(best) and self.is_adequate(one)
             is_near = simpler and one.cost - best.cost <= self.settings.clearly_worse
             return is_near or not self.is_worse(one, best)
-        if self.is_counterpart(best, one):
-            return True
-        if not (self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best)):
-            return False
-        return self.is_adequate(one) and not self.is_less_likely(one, best)
+        return self.is_counterpart(best, one)
 
 
 def _is_linear(one: Simulated) -> bool:
