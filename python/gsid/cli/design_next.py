@@ -74,25 +74,18 @@ def distinguishing(
     as_json: bool,
 ) -> None:
     """Rank experiments by how well they distinguish two models; print, write and draw the best."""
-    from gsid.diagnosis.next_experiment import ENOUGH, next_experiment
+    from gsid.diagnosis.next_experiment import ENOUGH
     from gsid.models.load import load_plant
     from gsid.plots import next_experiments
     from gsid.spectrum.realisation import spectra_of
 
     models = load_plant(model_path), load_plant(rival_path)
     names = Path(model_path).name, Path(rival_path).name
-    limit = limit_command or math.inf
     _require_same_output(models, names)
     with working("simulating both models"), options_as_arguments():
         measured = max(spectra_of(records), key=lambda one: float(abs(one.u).max()))
-        # Each of the models may be the axis: one with more effects imitates the other, but not vice versa.
-        both = [next_experiment(*each, measured, limit=limit) for each in (models, models[::-1])]
-        menus = [
-            _within(_with_travel_of_both(one, other), models[0], limit_travel_deg)
-            for one, other in (both, both[::-1])
-        ]
-        i = max((0, 1), key=lambda i: menus[i][0].separation if menus[i] else 0.0)
-        ranked, names = menus[i], (names, names[::-1])[i]
+        ranked, is_swapped = _clearer_order(models, measured, limit_command or math.inf, limit_travel_deg)
+    names = names[::-1] if is_swapped else names
     best = ranked[0] if ranked and ranked[0].separation >= ENOUGH else None
     if output and best:
         best.save(output)
@@ -119,6 +112,29 @@ def distinguishing(
     print(sentence)
     print()
     _print(ranked, models[0], measured.u_unit)
+
+
+def _clearer_order(
+    models: tuple[PlantModel, PlantModel], measured: Spectra, limit: float, limit_travel_deg: float | None
+) -> tuple[list[Experiment], bool]:
+    """The ranking of the order in which the best experiment separates more, and whether it is swapped.
+
+    Each of the models may be the axis: one with more effects imitates the other, but not vice versa.
+    """
+    from gsid.diagnosis.next_experiment import next_experiment
+
+    both = [next_experiment(*each, measured, limit=limit) for each in (models, models[::-1])]
+    given, swapped = (
+        _within(_with_travel_of_both(one, other), models[0], limit_travel_deg)
+        for one, other in (both, both[::-1])
+    )
+    is_swapped = _separation(swapped) > _separation(given)
+    return (swapped if is_swapped else given), is_swapped
+
+
+def _separation(ranked: Sequence[Experiment]) -> float:
+    """That of the best experiment; 0 if there is none."""
+    return ranked[0].separation if ranked else 0.0
 
 
 def _require_same_output(models: Sequence[PlantModel], names: Sequence[str]) -> None:

@@ -468,8 +468,11 @@ def _best_fit(
         raise InputError(
             f"the fit of {effect.id} fails from every start", measured[0].name, str(failure), hint
         )
-    promising = before.cost - best.cost > WORTH
-    return fit_plant(best.model, measured, band=band) if promising and not best.converged else best
+    if before.cost - best.cost > WORTH and not best.converged:
+        return fit_plant(best.model, measured, band=band)
+    if effect.id == BACKLASH and best.unsettled:  # its fits are quiet
+        _log.warning(unsettled_text(best))
+    return best
 
 
 def _fitted(
@@ -481,10 +484,7 @@ def _fitted(
 ) -> PlantFit:
     """The first fit from a start; that of play goes on beyond the steps of its cost."""
     if effect.id == BACKLASH:
-        play = fit_play_from(start, before.cost, measured, band, before.cost, Deadline(), STEPS_TRIED)
-        if play.unsettled:
-            _log.warning(unsettled_text(play))
-        return play
+        return fit_play_from(start, before.cost, measured, band, before.cost, Deadline(), STEPS_TRIED)
     return fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
 
 
