@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from gsid._lib import ffi
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.missing_torque.catalogue import law
 from gsid.diagnosis.missing_torque.linear_fit import basis
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
@@ -25,7 +23,7 @@ from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
-LINEAR_IN_STRENGTH = ("spring", "damping")  # a lag and a delay change the response otherwise at each value
+FOLLOWED = 1e-9  # share of an error that is left where the parameters follow it
 INPUTS_DIFFER = 0.01  # share of the power of several inputs that is not in their mean
 
 
@@ -42,8 +40,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     """
     found, line = [], strongest_line(null, fit)
     n = len(find(effect).parameters)
-    may_be_disturbance = line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings)
-    if may_be_disturbance and not is_foreseen(line, fit, effect, settings):
+    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings):
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
@@ -68,17 +65,17 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
 
 @dataclass(frozen=True)
 class StrongestLine:
-    """The line where a law explains most, in all records that have it.
+    """The line that has most of what a law explains, in all records that have it.
 
     Attributes
     ----------
     f_hz : float
     before, after : float
-        Cost on this line without and with the law.
+        By how much the cost is lower for a fit to the other lines, without and with the law (DIA-17).
     n_records, n_lines : int
         That have it, and their lines there: records of other periods may have several.
     elsewhere : float
-        Fall of the cost of the other lines, if both fits are to them alone (DIA-17).
+        Fall of the cost by the law, if both fits are to the other lines.
     """
 
     f_hz: float
@@ -104,82 +101,48 @@ class StrongestLine:
 
 
 def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
-    """The line where the cost falls most between two fits.
+    """The line that has most of what a law explains.
 
     Parameters
     ----------
     null, fit : PlantFit
-        To the same records.
+        To the same records, without and with the law.
     """
-    spacing_hz = _spacing_hz(fit)
-    lines = _numbers(fit)
-    line, n_records = np.concatenate(lines), np.bincount(np.concatenate([np.unique(one) for one in lines]))
-    before, after = (np.bincount(line, np.concatenate(_costs(each))) for each in (null, fit))
-    fall = before - after
-    i = int(np.argmax(fall))
-    others = np.tile(line != i, 2)
-    elsewhere = _cost_of_fit_to(others, null) - _cost_of_fit_to(others, fit)
-    counts = int(n_records[i]), int(np.bincount(line)[i])
-    return StrongestLine(i * spacing_hz, float(before[i]), float(after[i]), *counts, elsewhere)
+    spacing_hz = max(one.spectra.f_hz[1] - one.spectra.f_hz[0] for one in fit.records)
+    lines = [np.rint(one.spectra.f_hz[one.line] / spacing_hz).astype(int) for one in fit.records]
+    number, line, n_lines = np.unique(np.concatenate(lines), return_inverse=True, return_counts=True)
+    (whole, before), (whole_after, after) = (_cost_by_line(each, line) for each in (null, fit))
+    i = int(np.argmax(before - after))
+    elsewhere = float((whole - before[i]) - (whole_after - after[i]))
+    n_records = sum(number[i] in one for one in lines)
+    counts = n_records, int(n_lines[i])
+    return StrongestLine(float(number[i] * spacing_hz), float(before[i]), float(after[i]), *counts, elsewhere)
 
 
-def _cost_of_fit_to(rows: np.ndarray, fit: PlantFit) -> float:
-    """Cost of a fit to some of its numbers, linearised at the fit to all.
+def _cost_by_line(fit: PlantFit, line: np.ndarray) -> tuple[float, np.ndarray]:
+    """Cost of a fit, and by how much it is lower for a fit to all lines but one (DIA-17).
 
-    The parameters follow a disturbance on one line, at the cost of all others.
-    """
-    error, known = fit.residual[rows], basis(fit.jacobian[rows])
-    return float(error @ error - np.sum((known.T @ error) ** 2))
-
-
-def _spacing_hz(fit: PlantFit) -> float:
-    return max(one.spectra.f_hz[1] - one.spectra.f_hz[0] for one in fit.records)
-
-
-def _numbers(fit: PlantFit) -> list[np.ndarray]:
-    """Numbers of the lines of each record, in the largest spacing of all."""
-    spacing_hz = _spacing_hz(fit)
-    return [np.rint(one.spectra.f_hz[one.line] / spacing_hz).astype(int) for one in fit.records]
-
-
-def is_foreseen(line: StrongestLine, fit: PlantFit, effect: str, settings: DecisionSettings) -> bool:
-    """Whether a law with a single coefficient has to show on this line, and leaves only noise there.
-
-    Such a law has no shape that follows a disturbance: where it changes the output most, beside all other
-    parameters, is certain before its coefficient is known. A disturbance would have to be on that very line,
-    locked to the period, and of the law's phase.
+    The parameters follow a disturbance on one line, at the cost of all others: the cost on the line itself
+    is no measure of it.
 
     Parameters
     ----------
-    line : StrongestLine
     fit : PlantFit
-        With the law.
-    effect : str
-        The law.
-    settings : DecisionSettings
+    line : (m,) int
+        Which of the different lines each one is, in the order of the records.
     """
-    name, n = _only_coefficient(effect), 2 * line.n_lines
-    if name is None or float(special.chdtrc(n, line.after)) < settings.p_foreseen:
-        return False
-    names, label = fit.model.free_names, f"{label_of(fit.model, effect)}.{name}"
-    if label not in names:
-        return False
-    i = names.index(label)
-    column, known = fit.jacobian[:, i], basis(np.delete(fit.jacobian, i, axis=1))
-    power = np.sum(np.split((column - known @ (known.T @ column)) ** 2, 2), axis=0)
-    on_line = np.concatenate(_numbers(fit)) == round(line.f_hz / _spacing_hz(fit))
-    return bool(np.sum(power[on_line]) >= settings.foreseen_share * np.sum(power) > 0)
-
-
-def _only_coefficient(effect: str) -> str | None:
-    """Name of the coefficient of a law that has no other parameter; None of any other law."""
-    kind = find(effect)
-    if len(kind.parameters) > 1:
-        return None
-    if kind.linear_part in LINEAR_IN_STRENGTH:
-        return kind.parameters[0].name
-    is_law = kind.c.torque != ffi.NULL and bool(law(kind).coefficients)
-    return kind.parameters[0].name if is_law else None
+    known = basis(fit.jacobian)
+    error = fit.residual - known @ (known.T @ fit.residual)
+    counts = np.bincount(line)
+    lower, rows = np.zeros(len(counts)), np.split(np.argsort(line), np.cumsum(counts)[:-1])
+    for n in np.unique(counts):  # all lines at a time that as many records have
+        chosen = np.flatnonzero(counts == n)
+        at = np.stack([np.concatenate([rows[i], rows[i] + len(line)]) for i in chosen])
+        e, q = error[at], known[at]
+        free = np.eye(2 * n) - q @ np.swapaxes(q, 1, 2)  # what the parameters cannot follow
+        solved = np.linalg.pinv(free, rcond=FOLLOWED, hermitian=True) @ e[:, :, None]
+        lower[chosen] = np.sum(e * solved[:, :, 0], axis=1)
+    return float(error @ error), lower
 
 
 def explains_linear_response(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:
@@ -223,11 +186,6 @@ def _on_excited_lines(one: RecordFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     """|sum|^2 of the complex values of each line."""
     return np.bincount(line, values.real) ** 2 + np.bincount(line, values.imag) ** 2
-
-
-def _costs(fit: PlantFit) -> list[np.ndarray]:
-    """Cost on each line of each record."""
-    return [np.sum(np.split(one.residual**2, 2), axis=0) for one in fit.records]
 
 
 def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:

@@ -147,11 +147,6 @@ class DecisionSettings:
         Parameters from which a law has laws of other families as limits.
     spare : int
         Numbers of a line beyond the parameters of a law: with fewer, a law fits a disturbance by chance.
-    foreseen_share : float
-        Least share of a law's change of the output, beside all other parameters, for a line where it has to
-        show.
-    p_foreseen : float
-        Least p-value of what it leaves there: the phase of a disturbance is any.
     nonlinear_share : float
         Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
         linear response: 33 right laws with small drops had 0.43 and more; Bouc-Wen friction in place of a
@@ -245,8 +240,6 @@ class DecisionSettings:
     zeta_of_mode: float = 0.1
     many_shapes: int = 3
     spare: int = 2
-    foreseen_share: float = 0.5
-    p_foreseen: float = 0.05
     nonlinear_share: float = 0.1
     far_structure: float = 7.0
     named_scatter: float = SearchSettings.named_scatter
