@@ -110,6 +110,13 @@ def test_bug_a_quadratic_spring_was_named_an_unbalance(name, verdict):
     assert decision(best, fit("coulomb_friction", 60.0)).verdict == verdict
 
 
+@pytest.mark.parametrize(("cost", "verdict"), [(1.0, "missing_effect"), (2.0, "nearest_effect")])
+def test_bug_a_damping_with_the_corner_of_a_lag_was_not_named(cost, verdict):
+    """The two poles are one: the data determine neither, but refute the model with one (seed 5320, 26)."""
+    best = fit("viscous_friction", cost, undetermined=["viscous_friction.rate"])
+    assert decision(best, fit("coulomb_friction", 60.0), null=1e4).verdict == verdict
+
+
 @pytest.mark.parametrize(
     ("undetermined", "verdict"),
     [("flexible_mode#2.zeta", "nearest_effect"), ("flexible_mode.zeta", "missing_effect")],

@@ -172,7 +172,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
             f"Noise alone varies the coefficient of the best law by {100 * best.scatter_error:.0f} %."
         )
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] == best.label]
-    if unknown and not (adequate and is_strength_determined(best)):
+    if unknown and not (adequate and (is_linear(best.effects[0]) or is_strength_determined(best))):
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
     reasons += [better_outside(law) for law in evidence.from_outside(best)]
     if not adequate:  # else it was an error of the measured motion
