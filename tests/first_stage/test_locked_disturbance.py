@@ -47,7 +47,7 @@ def diagnosed(index, seed=SEED):
 
 @pytest.mark.long
 def test_bug_a_disturbance_locked_to_the_period_was_named_a_law():
-    """Six of a hundred were: four springs and dampings, two roundings. None of 300 is (seeds 91 and 93)."""
+    """Six of a hundred were: four springs and dampings, two roundings. None of 200 is (seed 93)."""
     print("seed", SEED)
     found = [diagnosed(i) for i in range(N_AXES)]
     assert [one.effects for one in found if one.verdict == "missing_effect"] == []
