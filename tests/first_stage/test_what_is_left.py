@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import hard
+import linear_axes as axes
 import numpy as np
 import pytest
 from from_records_study import family_of, record_of
@@ -15,6 +16,7 @@ from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect, Param
 
 SEED, RUNS, N, PERIODS, FS_HZ = 20261124, 20, 600, 6, 1000.0
+NULL_SEED, N_NULLS = 6003, 100
 LINEAR = {
     "rigid_body": {"gain": 50.0},
     "viscous_friction": {"rate": 11.0},
@@ -56,6 +58,28 @@ def test_noise_depends_on_no_coordinate():
     most = stats.binom.ppf(0.999, RUNS, 0.1)
     for name in found[0]:
         assert sum(one[name] < 0.4 for one in found) <= most, name
+
+
+@pytest.mark.long
+def test_bug_noise_depended_on_a_coordinate_more_often_than_stated():
+    """1.7 % of the p-values of 400 axes were below 1 %: the noise was taken as known. Coloured noise that
+    drifts, variances from 3 to 10 periods, slow and fast axes."""
+    print("seed", NULL_SEED)
+    found = [what_is_left(true_fit(NULL_SEED, i)) for i in range(N_NULLS)]
+    below = sum(p_value < 4 * 0.01 for one in found for p_value in one.values())
+    assert below <= stats.binom.ppf(0.999, 4 * N_NULLS, 0.01)
+
+
+def true_fit(seed, index):
+    """A fit of the true structure to the records of an axis with random values."""
+    trial = axes.drawn(seed, axes.EFFECTS[index % len(axes.EFFECTS)], index)
+    effects = [
+        Effect(label.partition("#")[0], {name: Param(value) for name, value in params.items()})
+        for label, params in trial.axis.items()
+    ]
+    model = gsid.PlantModel(trial.fs_hz, effects, trial.output)
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=trial.hold) for u, y in trial.records]
+    return fit_plant(model, records)
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ class Evidence:
     beaten : str
         Best law of the first stage, which `beaten_by` refers to; empty: every law.
     what_is_left : callable
-        p-values of what a fit leaves, by coordinate.
+        p-values of what a fit leaves, by coordinate, where it lowers the cost by a least number.
     doubts : callable
         What speaks against a law, from its fit and that of the linear part.
     """
@@ -53,7 +53,7 @@ class Evidence:
     taken_over_by: tuple[str, ...] = ()
     all_linear: bool = True
     beaten: str = ""
-    what_is_left: Callable[[PlantFit], Mapping[str, float]] = what_is_left
+    what_is_left: Callable[[PlantFit, float], Mapping[str, float]] = what_is_left
     doubts: Callable[[PlantFit, PlantFit, str, DecisionSettings], list[str]] = doubts
 
     @property
@@ -140,11 +140,16 @@ class Evidence:
     def depends_on(self, one: Simulated) -> dict[str, float]:
         """Coordinates that what a fit leaves depends on, with p-values, though its cost is that of noise.
 
+        What is small against the fall of the cost is not counted, as it is not where more than noise is left.
+
         Parameters
         ----------
         one : Simulated
         """
-        found = self.what_is_left(one.fit) if self.is_adequate(one) else {}
+        if not self.is_adequate(one):
+            return {}
+        least = (1 - self.settings.linear_share) * (self.null.cost - one.cost)
+        found = self.what_is_left(one.fit, least)
         return {name: p_value for name, p_value in found.items() if p_value < self.settings.p_left}
 
     def is_nothing_missing(self) -> bool:

@@ -24,7 +24,7 @@ from gsid.plant.linear_response import BACKLASH
 FRICTION_OVER_ANGLE = "the direction of motion, differently at each angle"
 
 
-def what_is_left(fit: PlantFit) -> dict[str, float]:
+def what_is_left(fit: PlantFit, least: float = 0.0) -> dict[str, float]:
     """p-values that what a fit leaves does not depend on each coordinate; empty where it cannot be tested.
 
     They hold for all coordinates together (Bonferroni). In a closed loop the command inside the loop is not
@@ -34,6 +34,8 @@ def what_is_left(fit: PlantFit) -> dict[str, float]:
     ----------
     fit : PlantFit
         That leaves only noise.
+    least : float
+        Coordinates whose functions lower the cost by less are not in the result.
     """
     model = fit.model
     if model.has_controller or any(effect.id == BACKLASH for effect in model.effects):
@@ -46,8 +48,9 @@ def what_is_left(fit: PlantFit) -> dict[str, float]:
         changes = fit.whitened(columns)
         free = basis(changes - known @ (known.T @ changes))
         gain = float(np.sum((free.T @ fit.residual) ** 2)) / scale
-        found[name] = float(special.chdtrc(free.shape[1], gain))
-    return {name: min(len(found) * p_value, 1.0) for name, p_value in found.items()}
+        if gain >= least:
+            found[name] = float(special.chdtrc(free.shape[1], gain))
+    return {name: min(len(functions) * p_value, 1.0) for name, p_value in found.items()}
 
 
 def along_simulated_motion(fit: PlantFit) -> Problem:
