@@ -34,7 +34,10 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
 
 
 def decision(best, *others, null=100.0, beaten_by=(), all_linear=True, left=(), gain=1e9, doubts=()):
-    asked = {"what_is_left": lambda _, least: dict(left if gain >= least else ()), "doubts": lambda *_: list(doubts)}
+    asked = {
+        "what_is_left": lambda _, least: dict(left if gain >= least else ()),
+        "doubts": lambda *_: list(doubts),
+    }
     laws = [best, *others]
     return decide(Evidence(fit("", null), laws, beaten_by, DEFAULTS, (), all_linear, **asked))
 

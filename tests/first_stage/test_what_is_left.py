@@ -78,7 +78,9 @@ def true_fit(seed, index):
         for label, params in trial.axis.items()
     ]
     model = gsid.PlantModel(trial.fs_hz, effects, trial.output)
-    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=trial.hold) for u, y in trial.records]
+    records = [
+        gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=trial.hold) for u, y in trial.records
+    ]
     return fit_plant(model, records)
 
 

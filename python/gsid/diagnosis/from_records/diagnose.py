@@ -22,6 +22,7 @@ from dataclasses import replace
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.threads import with_one_thread_for_algebra
 from gsid.diagnosis.closed_loop import in_closed_loop
+from gsid.diagnosis.from_records.delay_check import check_delay
 from gsid.diagnosis.from_records.disturbances import subtract_disturbances
 from gsid.diagnosis.from_records.draw_up import draw_up, give_up
 from gsid.diagnosis.from_records.equal_weights import weigh_model_error
@@ -136,6 +137,7 @@ def diagnose_records(
                     if model is not None:
                         rounds = Rounds(run)
                         rounds.run()
+                        check_delay(rounds)
                         check_hold(rounds)
                         check_series(rounds)
                     else:
