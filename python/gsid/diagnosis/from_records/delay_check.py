@@ -1,7 +1,8 @@
 """A linear effect beside a delay that is far from the given one: the fit is in a wrong minimum.
 
 Damping, lags and modes may exchange their places in equal models, so that their values move far. A delay has
-no such counterpart but the hold, which is less than a sample: where it has moved far, delay and effect together imitate another one.
+no such counterpart but the hold, which is less than a sample: where it has moved far, delay and effect may
+imitate another one together.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def check_delay(rounds: Rounds) -> None:
 
 
 def far_delay(fitted: PlantModel, given: PlantModel, settings: DecisionSettings) -> str | None:
-    """Which delay of a fit is far from the given one, beyond its uncertainty, in one sentence; None if none is.
+    """Which delay of a fit is far from the given one beyond its uncertainty, in a sentence; None if none is.
 
     Parameters
     ----------
@@ -48,8 +49,8 @@ def far_delay(fitted: PlantModel, given: PlantModel, settings: DecisionSettings)
             value = found[label].params[name]
             if _is_far(value, known.value, settings) and abs(value.value - known.value) * given.fs_hz > 1:
                 return (
-                    f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, {known.value:.3g} in the"
-                    " given model: together they may stand for another effect."
+                    f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, and {known.value:.3g}"
+                    " in the given model: together they may stand for another effect."
                 )
     return None
 

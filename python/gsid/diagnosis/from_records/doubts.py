@@ -39,8 +39,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
     settings : DecisionSettings
     """
     found, line = [], strongest_line(null, fit)
-    n = len(find(effect).parameters)
-    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(n, settings):
+    if line.elsewhere < settings.linear_drop and line.may_be_disturbance(effect, settings):
         found.append(
             f"What {effect} explains is on one line, {line.f_hz:.4g} Hz, where it leaves {line.after:.3g} of"
             f" {line.before:.3g} in {line.n_records} records; a disturbance of that frequency does the same."
@@ -85,19 +84,34 @@ class StrongestLine:
     n_lines: int
     elsewhere: float
 
-    def may_be_disturbance(self, n_parameters: int, settings: DecisionSettings) -> bool:
+    def may_be_disturbance(self, effect: str, settings: DecisionSettings) -> bool:
         """Whether the line is not explained in all records, or in so few that any law could: a law answers
-        to the command of each.
+        to the command of each. A linear effect of one parameter is no chance if line and rest agree on it.
 
         Parameters
         ----------
-        n_parameters : int
-            Of the law.
+        effect : str
+            The law.
         settings : DecisionSettings
         """
+        n, n_parameters = 2 * self.n_lines, len(find(effect).parameters)
+        if float(special.chdtrc(n, self.after)) < settings.p_left:
+            return True
+        if n_parameters == 1 and is_linear(effect) and self.p_of_disturbance() < settings.p_left:
+            return False
+        return self.n_records < 2 or n - n_parameters < settings.spare
+
+    def p_of_disturbance(self) -> float:
+        """p-value of an effect of one parameter if there is only a disturbance on the line, of any phase.
+
+        The effect explains what has its phase, and of the other lines what chance does (DIA-17). It leaves
+        the noise at least.
+        """
         n = 2 * self.n_lines
-        is_chance = self.n_records < 2 or n - n_parameters < settings.spare
-        return is_chance or float(special.chdtrc(n, self.after)) < settings.p_left
+        left = max(self.after, n - 1)
+        on_line = float(special.betainc((n - 1) / 2, 0.5, min(left / max(self.before, left), 1.0)))
+        both = on_line * float(special.chdtrc(1, max(self.elsewhere, 0.0)))
+        return float(special.chdtrc(4, -2 * math.log(both))) if both > 0 else 0.0
 
 
 def strongest_line(null: PlantFit, fit: PlantFit) -> StrongestLine:
