@@ -80,7 +80,7 @@ def on_line(left, elsewhere, effect="mass_unbalance", records=2):
 
 
 def test_a_linear_effect_on_one_line_that_the_others_confirm_is_in_no_doubt():
-    """Seed 5322, spring 98: of 4192 the line leaves 0.27, the others fall by 16. Spring 93: 2.9 of 1847, 0.8."""
+    """Seed 5322, spring 98: 0.27 of 4192 left on the line, a fall of 16 elsewhere; 93: 2.9 of 1847, 0.8."""
     confirmed = StrongestLine(1.0, 4192.0, 0.27, 1, 1, 16.2)
     alone = StrongestLine(1.0, 1847.0, 2.86, 1, 1, 0.8)
     assert not confirmed.may_be_disturbance("cable_spring", DEFAULTS)
