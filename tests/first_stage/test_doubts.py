@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.diagnosis.from_records.doubts import StrongestLine, doubts, n_resonances, strongest_line
+import gsid
+from gsid.diagnosis.from_records.doubts import (
+    StrongestLine,
+    doubts,
+    n_resonances,
+    simulation_error,
+    strongest_line,
+)
 from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.effects.types import find
+from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 
@@ -28,7 +36,10 @@ def fit(*residuals, modes=(), spacings_hz=(0.5,) * 3, inputs=(0.0,) * 3):
             residual=np.array(one, float),
             weight=np.ones(len(LINES)),
             spectra=SimpleNamespace(
-                f_hz=spacing * np.arange(20), u=np.full(20, u, complex), excited=np.arange(20) != 9
+                f_hz=spacing * np.arange(20),
+                u=np.full(20, u, complex),
+                excited=np.arange(20) != 9,
+                hold="zoh",
             ),
         )
         for one, spacing, u in zip(residuals, spacings_hz, inputs, strict=False)
@@ -85,7 +96,11 @@ def test_a_linear_effect_on_one_line_that_the_others_confirm_is_in_no_doubt():
     alone = StrongestLine(1.0, 1847.0, 2.86, 1, 1, 0.8)
     assert not confirmed.may_be_disturbance("cable_spring", DEFAULTS)
     assert alone.may_be_disturbance("cable_spring", DEFAULTS)
-    for effect in ("drive_quantization", "flexible_mode"):  # not linear; of three parameters
+    for effect in (
+        "drive_quantization",
+        "sensor_sample_hold",
+        "flexible_mode",
+    ):  # searched; of three parameters
         assert confirmed.may_be_disturbance(effect, DEFAULTS)
 
 
@@ -164,6 +179,20 @@ def test_a_line_that_the_parameters_follow_entirely_costs_nothing():
     null.jacobian = np.transpose([np.eye(8)[0], np.eye(8)[4]])
     found = strongest_line(null, law)
     assert (found.f_hz, found.before, found.elsewhere) == (1.0, pytest.approx(9.0), pytest.approx(0.0))
+
+
+@pytest.mark.parametrize(("fall", "n_doubts"), [(1.9, 1), (2.1, 0)])
+def test_bug_the_error_of_an_unheld_input_was_named_a_lag(fall, n_doubts):
+    """Beside the right spring, 0.06 samples of it, where the noise was a ten thousandth (5322, spring 49)."""
+    model = gsid.PlantModel(1000.0, [Effect("rigid_body", {"gain": Param(1e3)})], "rate")
+    u = Multisine.design(1000.0, 200, (5, 200), phases="random", seed=1).table()
+    clean = np.fft.irfft(1e3 * np.fft.rfft(u) / (2j * np.pi * np.maximum(np.arange(101), 1) * 5))
+    y = np.tile(clean, 6) + 1e-3 * np.random.default_rng(SEED).standard_normal(1200)
+    null = gsid.fit_plant(model, [gsid.Record(np.tile(u, 6), y, 1000.0, 200, 0, hold="none")])
+    error = simulation_error(null)
+    assert null.cost - null.n_dof == pytest.approx(error, rel=0.1)
+    law = replace(null, cost=null.cost - fall * error)
+    assert sum("not held" in one for one in doubts(null, law, "motor_lag", DEFAULTS)) == n_doubts
 
 
 def beside_response(inputs, nonlinear=0.0, effect="mass_unbalance"):

@@ -61,9 +61,8 @@ def test_noise_depends_on_no_coordinate():
 
 
 @pytest.mark.long
-def test_bug_noise_depended_on_a_coordinate_more_often_than_stated():
-    """1.7 % of the p-values of 400 axes were below 1 %: the noise was taken as known. Coloured noise that
-    drifts, variances from 3 to 10 periods, slow and fast axes."""
+def test_noise_depends_on_no_coordinate_of_axes_with_drift_and_few_periods():
+    """Coloured noise that drifts, variances from 3 to 10 periods, slow and fast axes."""
     print("seed", NULL_SEED)
     found = [what_is_left(true_fit(NULL_SEED, i)) for i in range(N_NULLS)]
     below = sum(p_value < 4 * 0.01 for one in found for p_value in one.values())

@@ -14,6 +14,7 @@ from gsid.models.load import load_model
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import unheld_error
 from gsid.records.record import Record
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.realisation import spectra
@@ -267,6 +268,21 @@ def test_an_input_that_is_not_held_is_answered_by_the_continuous_response():
     assert error.max() < 5e-4
     taken_as_held = np.abs(model.predict(measured(u, np.zeros(N), "zoh")).Y[lines] / expected - 1)
     assert taken_as_held.max() > 0.2  # half a sample of delay
+
+
+def test_the_stated_error_of_an_input_that_is_not_held_is_that_of_a_rate_without_lags():
+    """The damping is a twentieth of the axis's acceleration at 40 Hz and less above, and so is its part of
+    the images."""
+    stack = {name: params for name, params in LINEAR.items() if name not in ("sensor_lag", "transport_delay")}
+    model, s = plant(stack), measured(multisine().table(), np.zeros(N), "none")
+    lines = np.flatnonzero(s.excited & (s.f_hz > 40))
+    expected = RationalModel([900.0, 0.0], [1, 12, 400], 0.0).response(s.f_hz[lines]) * s.u[lines]
+    error = model.predict(s).Y[lines] / expected - 1
+    stated = unheld_error(s, model)[lines]
+    np.testing.assert_array_less(np.abs(error - stated), 0.05 * stated)
+    for hold, output in (("zoh", "rate"), ("none", "angle")):
+        other = measured(multisine().table(), np.zeros(N), hold)
+        assert not np.any(unheld_error(other, plant(stack, output=output)))
 
 
 @pytest.mark.parametrize("n", [N, N + 1])

@@ -77,6 +77,27 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     return period_of(fine, n * oversampling)
 
 
+def unheld_error(measured: Spectra, model: Stack) -> np.ndarray:
+    """Relative error of the simulated rate of a body without lags on lines 0 .. N/2 (PLT-3).
+
+    With lags, and of an angle, it is far smaller. Of a held input it is 0.
+
+    Parameters
+    ----------
+    measured : Spectra
+    model : Stack
+
+    Returns
+    -------
+    (K,) float64
+    """
+    oversampling = _oversampling(measured, model.has_controller)
+    line = np.arange(len(measured.f_hz))
+    if oversampling == 1 or model.output != "rate":
+        return np.zeros(len(line))
+    return 1 / np.sinc(line / (measured.period_samples * oversampling)) ** 2 - 1
+
+
 def _oversampling(measured: Spectra, closed_loop: bool) -> int:
     return 1 if measured.hold == "zoh" or closed_loop else OVERSAMPLING
 

@@ -1,5 +1,5 @@
-"""Doubts about a law that is far better than nothing: one line, the same response in all records, a mode
-without resonance, a limit of shapes.
+"""Doubts about a law that is far better than nothing: one line, the same response in all records, the error
+of a simulation, a mode without resonance, a limit of shapes.
 
 A disturbance at a fixed frequency, such as a fan, leaves one line that is no noise, and a narrow mode fits
 it in some of the records. A mode far above the band, or heavily damped, is a lag or a delay to the data.
@@ -16,11 +16,13 @@ from scipy import special
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import LINEAR_KINDS
 from gsid.diagnosis.missing_torque.linear_fit import basis
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import unheld_error
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 FOLLOWED = 1e-9  # share of an error that is left where the parameters follow it
@@ -48,6 +50,12 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
         found.append(
             f"What {effect} explains is the same response to the input in all records, as that of a linear"
             " effect that the model lacks."
+        )
+    fall, error = null.cost - fit.cost, simulation_error(null)
+    if fall < settings.of_simulation * error:
+        found.append(
+            f"{effect} lowers the cost by {fall:.3g}, of which {error:.3g} may be the error of simulating an"
+            " input that is not held."
         )
     if find(effect).linear_part == "mode" and n_resonances(fit, settings) <= n_resonances(null, settings):
         found.append(
@@ -86,7 +94,8 @@ class StrongestLine:
 
     def may_be_disturbance(self, effect: str, settings: DecisionSettings) -> bool:
         """Whether the line is not explained in all records, or in so few that any law could: a law answers
-        to the command of each. A linear effect of one parameter is no chance if line and rest agree on it.
+        to the command of each. A linear effect of one parameter is no chance if line and rest agree on it;
+        the rate of a held sensor is searched, as the step of a rounding, and may follow a disturbance.
 
         Parameters
         ----------
@@ -97,7 +106,11 @@ class StrongestLine:
         n, n_parameters = 2 * self.n_lines, len(find(effect).parameters)
         if float(special.chdtrc(n, self.after)) < settings.p_left:
             return True
-        if n_parameters == 1 and is_linear(effect) and self.p_of_disturbance() < settings.p_left:
+        if (
+            n_parameters == 1
+            and find(effect).linear_part in LINEAR_KINDS
+            and self.p_of_disturbance() < settings.p_left
+        ):
             return False
         return self.n_records < 2 or n - n_parameters < settings.spare
 
@@ -200,6 +213,21 @@ def _on_excited_lines(one: RecordFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     """|sum|^2 of the complex values of each line."""
     return np.bincount(line, values.real) ** 2 + np.bincount(line, values.imag) ** 2
+
+
+def simulation_error(null: PlantFit) -> float:
+    """Cost of the error of simulating inputs that are not held, beside what the parameters follow (PLT-3).
+
+    Parameters
+    ----------
+    null : PlantFit
+    """
+    shares = [unheld_error(one.spectra, null.model) for one in null.records]
+    if not any(np.any(one) for one in shares):
+        return 0.0
+    lines = [(share * one.prediction.Y)[None, :] for share, one in zip(shares, null.records, strict=True)]
+    column, known = null.whitened(lines), basis(null.jacobian)
+    return float(np.sum((column - known @ (known.T @ column)) ** 2))
 
 
 def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
