@@ -77,28 +77,14 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     return period_of(fine, n * oversampling)
 
 
-def unheld_error(measured: Spectra, model: Stack) -> np.ndarray:
-    """Relative error of the simulated rate of a body without lags on lines 0 .. N/2 (PLT-3).
-
-    With lags, and of an angle, it is far smaller. Of a held input it is 0.
+def oversampling_of(measured: Spectra, closed_loop: bool) -> int:
+    """Steps of the simulation per sample: several for an input that is not held.
 
     Parameters
     ----------
     measured : Spectra
-    model : Stack
-
-    Returns
-    -------
-    (K,) float64
+    closed_loop : bool
     """
-    oversampling = _oversampling(measured, model.has_controller)
-    line = np.arange(len(measured.f_hz))
-    if oversampling == 1 or model.output != "rate":
-        return np.zeros(len(line))
-    return 1 / np.sinc(line / (measured.period_samples * oversampling)) ** 2 - 1
-
-
-def _oversampling(measured: Spectra, closed_loop: bool) -> int:
     return 1 if measured.hold == "zoh" or closed_loop else OVERSAMPLING
 
 
@@ -110,7 +96,7 @@ def longest_delay_s(measured: Spectra, closed_loop: bool) -> float:
     measured : Spectra
     closed_loop : bool
     """
-    step_s = 1 / (measured.fs_hz * _oversampling(measured, closed_loop))
+    step_s = 1 / (measured.fs_hz * oversampling_of(measured, closed_loop))
     return (lib.GSID_PLANT_DELAY_MAX - 1) * step_s
 
 
@@ -238,7 +224,7 @@ class PeriodicPlant:
                 "give the model the fs_hz of the record",
             )
         check_plant_units(model, measured)
-        oversampling = _oversampling(measured, model.has_controller)
+        oversampling = oversampling_of(measured, model.has_controller)
         plant = cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
         if has_several_orbits(model):
             plant.c.is_placed = 1

@@ -22,7 +22,7 @@ from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
-from gsid.plant.periodic import unheld_error
+from gsid.plant.unheld_input import unheld_error
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 FOLLOWED = 1e-9  # share of an error that is left where the parameters follow it
@@ -52,7 +52,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
             " effect that the model lacks."
         )
     fall, error = null.cost - fit.cost, simulation_error(null)
-    if fall < settings.of_simulation * error:
+    if fall < error + 2 * settings.significant * math.sqrt(error):  # beside noise
         found.append(
             f"{effect} lowers the cost by {fall:.3g}, of which {error:.3g} may be the error of simulating an"
             " input that is not held."
@@ -222,10 +222,9 @@ def simulation_error(null: PlantFit) -> float:
     ----------
     null : PlantFit
     """
-    shares = [unheld_error(one.spectra, null.model) for one in null.records]
-    if not any(np.any(one) for one in shares):
+    lines = [unheld_error(one.spectra, null.model)[None, :] for one in null.records]
+    if not any(np.any(one) for one in lines):
         return 0.0
-    lines = [(share * one.prediction.Y)[None, :] for share, one in zip(shares, null.records, strict=True)]
     column, known = null.whitened(lines), basis(null.jacobian)
     return float(np.sum((column - known @ (known.T @ column)) ** 2))
 

@@ -147,9 +147,6 @@ class DecisionSettings:
         Parameters from which a law has laws of other families as limits.
     spare : int
         Numbers of a line beyond the parameters of a law: with fewer, a law fits a disturbance by chance.
-    of_simulation : float
-        Least fall of the cost over that of the error of simulations of inputs that are not held: an effect in
-        place of the error lowers the cost by all of it at most.
     nonlinear_share : float
         Least share of the fall of the cost that a nonlinear law has to explain beside any change of the
         linear response: 33 right laws with small drops had 0.43 and more; Bouc-Wen friction in place of a
@@ -243,7 +240,6 @@ class DecisionSettings:
     zeta_of_mode: float = 0.1
     many_shapes: int = 3
     spare: int = 2
-    of_simulation: float = 2.0
     nonlinear_share: float = 0.1
     far_structure: float = 7.0
     named_scatter: float = SearchSettings.named_scatter
