@@ -18,10 +18,14 @@ import time
 from collections.abc import Collection, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import linear_axes as axes
 import numpy as np
 from first_stage_study import put_into
+
+if TYPE_CHECKING:
+    import gsid
 
 TARGET = "missing-linear-study"
 SEED, TRIALS = 5300, 100
@@ -54,14 +58,9 @@ def judged(folder: Path, seed: int, effect: str, index: int, percent: int) -> Ro
 def answer(trial: axes.Trial, percent: int) -> Row:
     """The verdict and its time."""
     import gsid
-    from gsid.plant.effect import Effect, Param
 
     stack = trial.start(np.random.default_rng([percent, trial.period_samples]), percent / 100)
-    effects = [
-        Effect(label.partition("#")[0], {name: Param(value) for name, value in params.items()})
-        for label, params in stack.items()
-    ]
-    model = gsid.PlantModel(trial.fs_hz, effects, trial.output)
+    model = model_of(trial, stack)
     hold = trial.hold if trial.declared else None
     records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=hold) for u, y in trial.records]
     begin = time.perf_counter(), time.process_time()
@@ -75,6 +74,18 @@ def answer(trial: axes.Trial, percent: int) -> Row:
         "seconds": time.perf_counter() - begin[0],
         "processor_s": time.process_time() - begin[1],
     }
+
+
+def model_of(trial: axes.Trial, values: axes.Values) -> gsid.PlantModel:
+    """The model with the values of some effects."""
+    import gsid
+    from gsid.plant.effect import Effect, Param
+
+    effects = [
+        Effect(label.partition("#")[0], {name: Param(value) for name, value in params.items()})
+        for label, params in values.items()
+    ]
+    return gsid.PlantModel(trial.fs_hz, effects, trial.output)
 
 
 def is_named(row: Row) -> bool:

@@ -8,9 +8,9 @@ a damping there, and the linear part follows it.
 import linear_axes as axes
 import numpy as np
 import pytest
+from missing_linear_study import model_of
 
 import gsid
-from gsid.plant.effect import Effect, Param
 
 SEED, N_AXES, PERIODS = 92, 24, 8
 DROP = (60.0, 2000.0)  # square of the sine over the variance of the mean line
@@ -37,11 +37,7 @@ def diagnosed(index, seed=SEED):
     """The diagnosis of one record with the true structure as the model, its values 5 % off."""
     rng = np.random.default_rng([seed, index])
     trial = axes.drawn(seed, ("cable_spring", "viscous_friction")[index % 2], index)
-    effects = [
-        Effect(label.partition("#")[0], {name: Param(value) for name, value in params.items()})
-        for label, params in trial.start(rng, 0.05).items()
-    ]
-    model = gsid.PlantModel(trial.fs_hz, effects, trial.output)
+    model = model_of(trial, trial.start(rng, 0.05))
     return gsid.diagnose_records(record_of(trial, rng), model, time_s=600)
 
 

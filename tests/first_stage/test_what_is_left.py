@@ -7,6 +7,7 @@ import linear_axes as axes
 import numpy as np
 import pytest
 from from_records_study import family_of, record_of
+from missing_linear_study import model_of
 from scipy import stats
 
 import gsid
@@ -72,15 +73,10 @@ def test_noise_depends_on_no_coordinate_of_axes_with_drift_and_few_periods():
 def true_fit(seed, index):
     """A fit of the true structure to the records of an axis with random values."""
     trial = axes.drawn(seed, axes.EFFECTS[index % len(axes.EFFECTS)], index)
-    effects = [
-        Effect(label.partition("#")[0], {name: Param(value) for name, value in params.items()})
-        for label, params in trial.axis.items()
-    ]
-    model = gsid.PlantModel(trial.fs_hz, effects, trial.output)
     records = [
         gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=trial.hold) for u, y in trial.records
     ]
-    return fit_plant(model, records)
+    return fit_plant(model_of(trial, trial.axis), records)
 
 
 @pytest.mark.parametrize(
