@@ -120,6 +120,20 @@ def test_bug_a_connection_that_came_back_drew_the_run_twice(page):
     page.locator("#steps > li:nth-child(3) .answer").wait_for()
 
 
+@pytest.mark.parametrize(
+    "folded, filled", [("experiment", "#live-limits input"), ("beside", "#studies > li")]
+)
+def test_bug_a_part_opened_before_the_script_ran_stayed_empty(page, folded, filled):
+    waiting = []
+    page.route("**/kept", lambda one: waiting.append(one))  # the script goes on when it is answered
+    page.reload()
+    page.locator(f"#{folded} > summary").click()
+    page.wait_for_timeout(200)
+    assert page.locator(filled).count() == 0
+    waiting[0].continue_()
+    page.locator(filled).first.wait_for(timeout=20_000)
+
+
 def test_bug_a_hidden_tab_kept_every_set_of_figures(page):
     kept = page.evaluate("""async () => {
         const { newestOf } = await import("/static/live_picture.js");

@@ -1,5 +1,5 @@
 // Other studies beside this one, and the responses of several records in one picture.
-import { byId, element } from "./elements.js";
+import { byId, element, whenOpen } from "./elements.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { act, answerOf, post } from "./requests.js";
@@ -144,7 +144,7 @@ async function showSteps(box, name) {
   }
 }
 
-byId("beside").addEventListener("toggle", () => byId("beside").open && list());
+whenOpen(byId("beside"), list);
 byId("studies-compare").addEventListener("click", () => act(compareStudies));
 byId("responses-compare").addEventListener("click", () => act(compareRecords));
 byId("comparison-close").addEventListener("click", () => {

@@ -18,3 +18,9 @@ export function isChanged(part, data) {
   drawn.set(part, now);
   return true;
 }
+
+// Fills a folded part of the page each time it is opened, also when that was before the script ran.
+export function whenOpen(folded, action) {
+  folded.addEventListener("toggle", () => folded.open && action());
+  if (folded.open) action();
+}

@@ -1,5 +1,5 @@
 // An experiment while it runs: the connection with its control, the bar with Stop, and what is drawn.
-import { byId } from "./elements.js";
+import { byId, whenOpen } from "./elements.js";
 import { fillForm, formValues } from "./live_form.js";
 import { clearPicture, drawFigures, newestOf } from "./live_picture.js";
 import { act, answerOf, post } from "./requests.js";
@@ -137,7 +137,7 @@ async function start() {
   }
 }
 
-byId("experiment").addEventListener("toggle", () => byId("experiment").open && fillForm());
+whenOpen(byId("experiment"), fillForm);
 byId("live-form").addEventListener("submit", (event) => {
   event.preventDefault();
   if (!isOff(event.target.querySelector("[type=submit]"))) act(start);
