@@ -1,8 +1,9 @@
 /* A plant is a stack of effects: simulated sample by sample, or in its periodic steady state, with the sensitivities of its
  * output to the requested parameters.
  *
- * The command is held over each sample, passes static maps and a delay of any length, and drives a linear system that is
- * integrated exactly; torques that are not linear by an exponential Runge-Kutta method of order 3 between their events. */
+ * The command is held over each sample, or linear between samples. It passes static maps and a delay of any length, and
+ * drives a linear system that is integrated exactly; torques that are not linear by an exponential Runge-Kutta method of order 3
+ * between their events. */
 #ifndef GSID_PLANT_H
 #define GSID_PLANT_H
 
@@ -35,6 +36,8 @@ typedef struct {
     const volatile int *stop;     /* once it is not 0, a search for the steady state ends at its next sample; NULL: never */
     uint64_t *moves_left; /* the same once it is 0: each sample takes its moves times the columns moved from it. It bounds the
                              work on any computer by the same amount; NULL: no bound */
+    int first_order_hold; /* 0: a command is held over its sample; 1: from the command before, it is reached linearly at the
+                             end of its sample. Not with a controller */
 } gsid_plant_cfg;
 
 typedef struct gsid_plant_layout gsid_plant_layout;
@@ -50,7 +53,8 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 /** Lay a plant out in the caller's memory, at rest.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a value out of its bounds, too long a delay, no rigid body or two, two gears
- *          with backlash, two controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
+ *          with backlash, two controllers, a controller with a first-order hold, or a law too stiff for the sample time;
+ *          GSID_E_NONFINITE; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take over changed values of the items. The state is kept; if the values change the number of states, the plant is reset.
@@ -70,7 +74,7 @@ gsid_status gsid_plant_place(gsid_plant *plant, gsid_real angle, gsid_real rate)
 
 /** Advance one sample.
  *  @param[in]  u   command, or the reference when the stack has a controller
- *  @param[out] y   at the instant from which u is applied
+ *  @param[out] y   at the instant from which u is applied; with a first-order hold, from which the command runs to u
  *  @param[out] dy  [n_free] sensitivities of y, or NULL; give it in every step since the reset, or in none
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE u is not finite: nothing changed; or the plant left the range
  *          of numbers: it is at rest now; GSID_E_STEEP a law is too steep to follow, or the sample takes more than

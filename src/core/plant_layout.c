@@ -69,6 +69,7 @@ typedef struct {
 static void count(const gsid_plant_cfg *cfg, needs *n) {
     memset(n, 0, sizeof *n);
     n->is_constant = 1;
+    n->n_states = cfg->first_order_hold ? 1 : 0;
     for (uint32_t i = 0; i < cfg->n_items; i++) {
         const gsid_effect *effect = cfg->item[i].effect;
         n->n_laws += effect->torque != NULL;
@@ -103,7 +104,8 @@ static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
         }
     }
     count(cfg, n);
-    if (n->n_backlash > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX) {
+    if (n->n_backlash > 1 || n->n_controllers > 1 || n->n_samplers > 1 ||
+        (n->n_controllers > 0 && cfg->first_order_hold) || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX) {
         return GSID_E_CONFIG;
     }
     const gsid_status status = check_free(cfg);
@@ -228,6 +230,7 @@ static void list_items(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
 }
 
 static void set_kind(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l) {
+    l->command.ramp = cfg->first_order_hold ? GSID_Z_RATE + 1 : 0;
     l->stack.has_controller = n->n_controllers > 0;
     l->stack.looks_at_angle = n->looks_at_angle;
     l->stack.turns = cfg->output_angle && !n->looks_at_angle;
@@ -352,11 +355,13 @@ static void order_rows(gsid_plant_layout *l) {
     }
 }
 
-/* The states that a period's start is searched in: the angle only where something depends on it. */
+/* The states that a period's start is searched in: the angle only where something depends on it, and never the command. */
 static void order_shooting(gsid_plant_layout *l) {
     l->shooting.n = 0;
     for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++) {
-        if (row != GSID_Z_ANGLE || l->stack.looks_at_angle) {
+        const int is_known =
+            row == GSID_Z_ANGLE ? !l->stack.looks_at_angle : l->command.ramp != 0 && row == l->command.ramp;
+        if (!is_known) {
             l->shooting.row[l->shooting.n++] = row;
         }
     }

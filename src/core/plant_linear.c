@@ -101,6 +101,10 @@ static void build(const gsid_plant_cfg *cfg, gsid_real instant_s, gsid_linear *t
     memset(to->signal, 0, sizeof to->signal);
     to->signal[cfg->output_angle ? GSID_Z_ANGLE : GSID_Z_RATE] = 1;
     gsid_linear_add(to, GSID_Z_ANGLE, GSID_Z_RATE, 1);
+    if (cfg->first_order_hold) {
+        to->command = gsid_linear_state(to);
+        gsid_linear_add(to, to->command, GSID_Z_COMMAND, 1);
+    }
     add_stage(cfg, to, GSID_STAGE_TORQUE, 1);
     add_stage(cfg, to, GSID_STAGE_ACTUATOR, 0);
     add_stage(cfg, to, GSID_STAGE_TORQUE, 0);

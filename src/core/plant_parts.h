@@ -120,6 +120,7 @@ typedef struct {
 typedef struct {
     uint32_t delay_samples; /* whole ones; the fraction is the first piece */
     uint32_t ring_columns, newest;
+    uint32_t ramp; /* row of z with the command of a first-order hold, and GSID_Z_COMMAND its slope; 0: it is held */
     gsid_real *under_way; /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
     gsid_real *u;         /* work: [n_columns] */
 } plant_command;

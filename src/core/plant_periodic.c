@@ -33,16 +33,21 @@ typedef struct {
     gsid_real drift; /* change over the last period that no correction was predicted to remove */
 } shooting;
 
+/* The command that is given in a sample: with a first-order hold the one at its end. */
+static gsid_real command_of(const shooting *s, uint32_t sample) {
+    return s->u[(sample + (s->l->command.ramp != 0 ? 1 : 0)) % s->n_period];
+}
+
 /* The delayed commands at the start are the last ones of the period; in closed loop, those of the period before. */
 static void fill_delay(shooting *s) {
     gsid_plant_layout *l = s->l;
     if (s->closed_loop) {
         return;
     }
-    for (uint32_t k = l->command.delay_samples + 1; k > 0; k--) {
-        gsid_plant_give(s->plant, s->u[(s->n_period - k % s->n_period) % s->n_period]);
+    for (uint32_t k = l->command.delay_samples + 2; k > 0; k--) {
+        gsid_plant_give(s->plant, command_of(s, s->n_period - k % s->n_period));
     }
-    gsid_plant_take_command(l);
+    gsid_plant_take_command(l, l->motion.piece[1].step.length_s * (gsid_real)l->motion.piece[1].n_steps);
 }
 
 static void keep_largest(gsid_plant_layout *l) {
@@ -91,7 +96,7 @@ static void run_period(shooting *s) {
         if (s->rate != NULL) {
             s->rate[n] = l->z[GSID_Z_RATE * l->shape.n_columns];
         }
-        gsid_plant_sample(s->plant, s->u[n]);
+        gsid_plant_sample(s->plant, command_of(s, n));
         count_moves(s);
     }
 }

@@ -97,20 +97,39 @@ void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column) {
     }
 }
 
-void gsid_plant_take_command(gsid_plant_layout *l) {
+/* The line from the command before to this one, with its slope. A longer delay shifts it by its slope. */
+static void take_ramp(gsid_plant_layout *l, gsid_real since_s, uint32_t n_given) {
+    const gsid_real *to = command_given(l, l->command.delay_samples),
+                    *from = command_given(l, l->command.delay_samples + 1);
+    gsid_real *slope = l->z + GSID_Z_COMMAND * l->shape.n_columns, *ramp = l->z + l->command.ramp * l->shape.n_columns;
+    memset(ramp, 0, l->shape.n_active * sizeof *ramp);
+    for (uint32_t c = 0; c < n_given; c++) {
+        slope[c] = (to[c] - from[c]) / l->motion.sample_s;
+        ramp[c] = from[c] + slope[c] * since_s;
+    }
+    for (uint32_t k = 0; l->shape.n_free > 0 && k < l->linear.a.n_delays; k++) {
+        ramp[l->linear.a.delay[k].by] -= slope[VALUE];
+    }
+}
+
+void gsid_plant_take_command(gsid_plant_layout *l, gsid_real since_s) {
     const uint32_t n = l->command.ring_columns < l->shape.n_active ? l->command.ring_columns : l->shape.n_active;
+    if (l->command.ramp != 0) {
+        take_ramp(l, since_s, n);
+        return;
+    }
     memcpy(l->z + GSID_Z_COMMAND * l->shape.n_columns, command_given(l, l->command.delay_samples), n * sizeof *l->z);
 }
 
 /* The motor's command switches at an instant that moves with the delay, dt* = d delay: S jumps by f before - f after. With
  * this jump the output is a smooth function of the delay. */
 static void switch_command(gsid_plant_layout *l) {
-    const int moves = l->shape.n_free > 0 && l->linear.a.n_delays > 0;
+    const int moves = l->shape.n_free > 0 && l->linear.a.n_delays > 0 && l->command.ramp == 0;
     gsid_real before[GSID_Z_MAX], after[GSID_Z_MAX];
     if (moves) {
         gsid_plant_derivative(l, l->z, before);
     }
-    gsid_plant_take_command(l);
+    gsid_plant_take_command(l, 0);
     gsid_plant_choose_regime(l);
     if (!moves) {
         return;

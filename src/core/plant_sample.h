@@ -13,8 +13,8 @@
 /* Pass a command through controller and static maps into the delay. */
 void gsid_plant_give(gsid_plant *plant, gsid_real u);
 
-/* The motor gets the command given a delay ago. */
-void gsid_plant_take_command(gsid_plant_layout *l);
+/* The motor gets the command given a delay ago, since_s before now. */
+void gsid_plant_take_command(gsid_plant_layout *l, gsid_real since_s);
 
 /* Set the derivatives of the delayed commands and of the controller's angles to 0, from this column on. */
 void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column);

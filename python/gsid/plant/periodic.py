@@ -53,11 +53,11 @@ class Prediction:
 
 
 def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
-    """One period of a record's mean input, held over each 1/oversampling of a sample (PLT-3).
+    """One period of a record's mean input at each 1/oversampling of a sample (PLT-3).
 
     With oversampling 1 the samples are returned unchanged. Otherwise the input has no lines above half the
-    sample rate, and the held input is given the same lines: each is divided by the response of the hold over
-    1/oversampling of a sample.
+    sample rate, and the first-order hold is given the same lines: each is divided by the response of the hold
+    over 1/oversampling of a sample.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
         return period_of(measured.u, n)
     below = measured.u[: (n + 1) // 2]  # without the line at half the rate, which has no phase
     fine = np.zeros(n * oversampling // 2 + 1, complex)
-    fine[: len(below)] = below / hold_factor(np.arange(len(below)), n * oversampling)
+    fine[: len(below)] = below / np.abs(hold_factor(np.arange(len(below)), n * oversampling)) ** 2
     return period_of(fine, n * oversampling)
 
 
@@ -130,7 +130,7 @@ class PeriodicPlant:
     model : PlantModel
         Supplies the effects, the free parameters and the values of the others.
     u : (N oversampling,) array_like
-        One period of the input, held over each step.
+        One period of the input: held over each step if that is a sample, otherwise linear between the steps.
     fs_hz : float
         Output samples per second [Hz].
     oversampling : int
@@ -172,6 +172,7 @@ class PeriodicPlant:
         plant.n_items, plant.item = len(model.effects), self._items
         plant.n_free, plant.free_parameter = len(free), self._free
         plant.unit_rad = RADIANS[model.angle_unit]
+        plant.first_order_hold = oversampling > 1
         if deadline is not None:
             self._stop = ffi.from_buffer("int[]", deadline.flag)
             plant.stop = self._stop

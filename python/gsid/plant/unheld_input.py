@@ -38,5 +38,5 @@ def unheld_error(measured: Spectra, model: PlantModel) -> np.ndarray:
     view = linear_view(model.stack(), np.abs(at_hz).ravel(), measured.fs_hz, held=False, **how)
     answer = view.command.reshape(at_hz.shape)
     answer = np.where(at_hz < 0, answer.conj(), answer)
-    lines[1:] = measured.u[1:] * np.sum(share / (share + image) * answer, axis=0)
+    lines[1:] = measured.u[1:] * np.sum((share / (share + image)) ** 2 * answer, axis=0)
     return lines

@@ -1,0 +1,158 @@
+/* Plants whose command runs linearly from one sample to the next: closed form, periodic state, sensitivities. */
+#include "plant_bench.h"
+
+#ifdef GSID_SINGLE
+#define FINE 2e-5 /* rounding of a few hundred samples */
+#define PERIODIC_TOL 1e-3
+#else
+#define FINE 1e-11
+#define PERIODIC_TOL 1e-8
+#define DIFFERENCE 1e-5 /* differences of a float simulation are rounding only */
+#define SLOPE_TOL 1e-6
+#endif
+
+enum { N = 600 };
+static bench b;
+static gsid_real u[N], y[N], dy[FREE_MAX][N];
+
+static void start(void) {
+    bench_clear(&b);
+    b.cfg.first_order_hold = 1;
+}
+
+/* A command that jumps to 10 rises over one sample, and turns a free axis by gain u (t - 1/2 sample) from then on. */
+static void a_free_axis_follows_the_closed_form(void **state) {
+    (void)state;
+    const double samples[] = {0.0, 0.25, 1.0, 1.5, 16.2, 63.99, 255.9};
+    for (size_t k = 0; k < sizeof samples / sizeof samples[0]; k++) {
+        start();
+        bench_add_with(&b, "rigid_body", 2.0, 0, 0);
+        bench_add_with(&b, "transport_delay", samples[k] / FS, 0, 0);
+        bench_init(&b);
+        for (int n = 0; n < 300; n++) {
+            const double t = fmax(0.0, n - samples[k]), rate = 20.0 * (t < 1 ? t * t / 2 : t - 0.5) / FS;
+            gsid_real out;
+            assert_int_equal(gsid_plant_step(&b.plant, GSID_R(10.0), &out, NULL), GSID_OK);
+            assert_near((double)out, rate, FINE);
+        }
+    }
+}
+
+static void start_rich_stack(void) {
+    start();
+    bench_add_source(&b);
+    bench_add_with(&b, "drive_saturation", 60, 0, 0);
+    bench_add_with(&b, "coulomb_friction", 15, 0, 0);
+    bench_add_with(&b, "cubic_spring", 10, 0, 0);
+    bench_add_with(&b, "motor_lag", 1e-3, 0, 0);
+    for (uint32_t n = 0; n < N; n++) {
+        u[n] = (gsid_real)bench_command(N, n, 50);
+    }
+}
+
+/* A step takes the command that is reached at its end. */
+static void one_more_period_repeats_the_answer(void **state) {
+    (void)state;
+    gsid_real residual, out;
+    const double delays[] = {0.0, 5.0, 16.2};
+    for (size_t k = 0; k < sizeof delays / sizeof delays[0]; k++) {
+        start_rich_stack();
+        b.item[0].value[0] = (gsid_real)(delays[k] / FS);
+        bench_init(&b);
+        assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, &residual), GSID_OK);
+        for (int n = 0; n < N; n++) {
+            assert_int_equal(gsid_plant_step(&b.plant, u[(n + 1) % N], &out, NULL), GSID_OK);
+            assert_near((double)out, (double)y[n], (double)residual + 10 * FINE);
+        }
+    }
+}
+
+/* Periods of the same command through _step: the sensitivities settle to those of the periodic answer. */
+static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
+    (void)state;
+    const int n_periods = repeats(30, 20);
+    gsid_real now[FREE_MAX], out;
+    start_rich_stack();
+    bench_free_all(&b);
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, dy[0], NULL, NULL, NULL), GSID_OK);
+    assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
+    double largest[FREE_MAX] = {0}, worst[FREE_MAX] = {0};
+    for (int n = 0; n < n_periods * N; n++) {
+        assert_int_equal(gsid_plant_step(&b.plant, u[(n + 1) % N], &out, now), GSID_OK);
+        for (uint32_t p = 0; n >= (n_periods - 1) * N && p < b.cfg.n_free; p++) {
+            largest[p] = fmax(largest[p], fabs((double)dy[p][n % N]));
+            worst[p] = fmax(worst[p], fabs((double)now[p] - (double)dy[p][n % N]));
+        }
+    }
+    for (uint32_t p = 0; p < b.cfg.n_free; p++) {
+        if (!(worst[p] <= PERIODIC_TOL * largest[p])) {
+            fail_msg("free parameter %u: off by %.3g of %.3g", p, worst[p] / largest[p], largest[p]);
+        }
+    }
+}
+
+#ifndef GSID_SINGLE
+static void periodic_answer(uint32_t p, double factor, gsid_real *answer) {
+    start_rich_stack();
+    bench_free_all(&b);
+    const gsid_plant_free one = b.free_parameter[p];
+    b.item[one.item].value[one.parameter] *= (gsid_real)factor;
+    b.cfg.n_free = 0;
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, answer, NULL, NULL, NULL, NULL), GSID_OK);
+}
+
+/* The delay moves the line between two commands, the limit of the drive its ends. */
+static void periodic_sensitivities_are_those_by_differences(void **state) {
+    (void)state;
+    static double below[N], above[N];
+    start_rich_stack();
+    bench_free_all(&b);
+    bench_init(&b);
+    const uint32_t n_free = b.cfg.n_free;
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, dy[0], NULL, NULL, NULL), GSID_OK);
+    for (uint32_t p = 0; p < n_free; p++) {
+        const gsid_plant_free one = b.free_parameter[p];
+        const double value = (double)b.item[one.item].value[one.parameter];
+        periodic_answer(p, 1 - DIFFERENCE, below);
+        periodic_answer(p, 1 + DIFFERENCE, above);
+        double largest = 0, worst = 0;
+        for (int n = 0; n < N; n++) {
+            const double slope = (double)(above[n] - below[n]) / (2 * DIFFERENCE * value);
+            largest = fmax(largest, fabs(slope));
+            worst = fmax(worst, fabs(slope - (double)dy[p][n]));
+        }
+        assert_true(largest > 0);
+        if (!(worst <= SLOPE_TOL * largest)) {
+            fail_msg("free parameter %u: off by %.3g of %.3g", p, worst / largest, largest);
+        }
+        start_rich_stack();
+        bench_free_all(&b);
+    }
+}
+#endif
+
+/* A controller's clock holds its command. */
+static void a_controller_is_refused(void **state) {
+    (void)state;
+    start();
+    bench_add_with(&b, "position_velocity_loop", 4, 2, 0);
+    bench_add_source(&b);
+    assert_int_equal(gsid_plant_init(&b.plant, &b.cfg, b.memory.bytes, sizeof b.memory), GSID_E_CONFIG);
+    b.cfg.first_order_hold = 0;
+    bench_init(&b);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_free_axis_follows_the_closed_form),
+        cmocka_unit_test(one_more_period_repeats_the_answer),
+        cmocka_unit_test(periodic_sensitivities_are_those_reached_by_stepping),
+#ifndef GSID_SINGLE
+        cmocka_unit_test(periodic_sensitivities_are_those_by_differences),
+#endif
+        cmocka_unit_test(a_controller_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
