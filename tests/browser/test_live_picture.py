@@ -121,7 +121,7 @@ def test_bug_a_connection_that_came_back_drew_the_run_twice(page):
 
 
 @pytest.mark.parametrize(
-    "folded, filled", [("experiment", "#live-limits input"), ("beside", "#studies > li")]
+    ("folded", "filled"), [("experiment", "#live-limits input"), ("beside", "#studies > li")]
 )
 def test_bug_a_part_opened_before_the_script_ran_stayed_empty(page, folded, filled):
     waiting = []

@@ -1,6 +1,5 @@
 """The steps of the diagnosis from records as numbers: stack, convergence, kept-out cost, scatter."""
 
-import math
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
@@ -454,17 +453,6 @@ def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
     fit_laws.confirm(run)
     assert run.decision.verdict == verdict
     assert len(run.decision.reasons) == (verdict != "adequate")
-
-
-@pytest.mark.parametrize(("hold", "p_value"), [("zoh", 0.3), ("none", 0.5)])
-def test_bug_the_larger_of_two_p_values_counted_with_a_hold_too(hold, p_value):
-    """Of 3000 nulls 4 % were below 0.05: the response has another scatter than the simulation."""
-    fit = SimpleNamespace(noise_p_value=0.3)
-    null = SimpleNamespace(fit=fit, model=SimpleNamespace(free_names=["rigid_body.gain"]))
-    stage = SimpleNamespace(n_rows=3, cost_per_dof=math.log(2))  # 2 degrees of freedom: a p-value of 1/2
-    run = SimpleNamespace(known=[], measured=[SimpleNamespace(hold=hold)], null=null)
-    run.draft = SimpleNamespace(stage=stage)
-    assert Run.noise_p_value.fget(run) == pytest.approx(p_value)
 
 
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(1e-3, 2e-3), (5e-3, 0.0)])

@@ -291,7 +291,7 @@ def test_a_held_input_has_no_images():
 
 
 @pytest.mark.parametrize(
-    "law, tolerance",
+    ("law", "tolerance"),
     [
         ({"coulomb_friction": {"level": 6.0}}, 1e-6),
         ({"cubic_spring": {"stiffness": 1e4}}, 1e-6),
@@ -299,7 +299,7 @@ def test_a_held_input_has_no_images():
     ],
 )
 def test_laws_under_an_input_that_is_not_held_against_16_steps_per_sample(law, tolerance):
-    """A map of the command meets it at the ends of the steps, where it is too large by a third of (pi x)^2 (PLT-3)."""
+    """A map of the command meets it at the ends of the steps, too large by a third of (pi x)^2 (PLT-3)."""
     model = plant(LINEAR | law)
     s = measured(multisine().table(), np.zeros(N), "none")
     finer = PeriodicPlant(model, input_period(s, 16), FS_HZ, 16).run()

@@ -172,18 +172,8 @@ class Run:
 
     @property
     def noise_p_value(self) -> float:
-        """p-value of what the simulated linear part leaves.
-
-        The simulation of an input without hold has images of the lines at four times the sample rate: with
-        very little noise they are larger than it. There the larger one of two p-values counts, that of the
-        simulation and that of the response.
-        """
-        p_value = self.null.fit.noise_p_value
-        if self.known or all(one.hold == "zoh" for one in self.measured):
-            return p_value
-        stage, n_free = self.draft.stage, len(self.null.model.free_names)
-        n_dof = max(stage.n_rows - n_free, 1)
-        return max(p_value, float(special.chdtrc(n_dof, stage.cost_per_dof * n_dof)))
+        """p-value of what the simulated linear part leaves."""
+        return self.null.fit.noise_p_value
 
     def conclude_without_law(self, null: Simulated) -> None:
         """Adequate, or unknown, with another fit of the given model."""

@@ -10,15 +10,16 @@ whitened E has a variance of 1 where only noise is left.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy.optimize import brentq
 
 from gsid.base.deadline import Deadline
 from gsid.base.zero_order_hold import hold_factor
+from gsid.diagnosis.missing_torque.far_images import FarImages
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.effects.types import catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -198,6 +199,7 @@ class Problem:
         self.n_groups = len(kinds)
         self._known_lines: dict[tuple[int, int], tuple[np.ndarray, np.ndarray | None]] = {}
         self._known_holds: dict[tuple[int, int, float], np.ndarray] = {}
+        self._known_far: dict[int, FarImages] = {}
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
 
@@ -218,17 +220,26 @@ class Problem:
         images : int
             On each side.
         """
-        fs_hz = self.first[group].spectra.fs_hz
-        f_hz, hold = self._lines_of_view(group, images)
+        sensor_hold = partial(self._sensor_hold, group, images)
+        return self._view(part, group, *self._lines_of_view(group, images), sensor_hold)
+
+    def _view(
+        self,
+        part: LinearPart,
+        group: int,
+        f_hz: np.ndarray,
+        hold: np.ndarray | None,
+        sensor_hold: Callable[[float], np.ndarray] | None = None,
+    ) -> LinearView:
         return linear_view(
             part.stack,
             f_hz,
-            fs_hz,
+            self.first[group].spectra.fs_hz,
             output_angle=self.output_angle,
             radians_per_unit=self.radians,
             held=hold is not None,
             hold=hold,
-            sensor_hold=lambda rate_hz: self._sensor_hold(group, images, rate_hz),
+            sensor_hold=sensor_hold,
         )
 
     def _sensor_hold(self, group: int, images: int, rate_hz: float) -> np.ndarray:
@@ -273,8 +284,21 @@ class Problem:
             command, torque = (
                 x.reshape(*x.shape[:-1], n_images, n_lines) for x in (view.command, view.torque)
             )
-            found.append((command.sum(axis=-2), torque[..., n_images // 2, :]))
+            far = self._far_images(part, group, images) if images and is_held else 0.0
+            found.append((command.sum(axis=-2) + far, torque[..., n_images // 2, :]))
         return found
+
+    def _far_images(self, part: LinearPart, group: int, images: int) -> np.ndarray | float:
+        """Sum of the images beyond some; 0 behind a sensor that is held, and in a closed loop."""
+        kinds = {linear_kind(label) for label in part.stack}
+        if self.closed_loop or kinds & ONE_BY_ONE:
+            return 0.0
+        lines = self.first[group]
+        if group not in self._known_far:
+            last = self.settings.images_far
+            self._known_far[group] = FarImages(lines.f_hz, lines.spectra.fs_hz, images, last)
+        delay_s = sum(params.get("delay_s", 0.0) for params in part.stack.values())
+        return self._known_far[group].sum(lambda f, hold: self._view(part, group, f, hold).command, delay_s)
 
     def whiten(self, errors: Sequence[np.ndarray]) -> np.ndarray:
         """Errors of each record, (..., K), whitened and put together as real numbers, (..., n_rows).

@@ -14,8 +14,12 @@ class SearchSettings:
     Attributes
     ----------
     images : int
-        Images of the held command on each side of a line. Their sum falls as 1/m^2; beyond the third they are
-        below 0.3 % of the response at a fifteenth of the sample rate, and the fitted delay absorbs that.
+        Images of the held command on each side of a line that are evaluated at the lines. Further ones are
+        smooth in frequency.
+    images_far : int
+        Last image on each side. Their sum falls as 1/m; without the images beyond the third a lag of 0.025
+        samples did not show. Those beyond this one are 2e-4 of the response of a body at 0.15 of the sample
+        rate.
     images_least : float
         Least power of the images of a sensor that is sampled and held, over that of noise, summed over the
         records. In 92 development trials it is 31 000 and more with such a sensor, and below 30 without one
@@ -144,6 +148,7 @@ class SearchSettings:
     """
 
     images: int = 3
+    images_far: int = 250
     images_least: float = LEAST_POWER
     images_size: float = LARGEST_SIZE
     hold_ratio: float = 4.0
