@@ -297,17 +297,18 @@ def _possible(
 
     Half a sample of delay shifts the phase of a resonance by as much as a law does: where much is missing,
     the linear part alone cannot decide. A hold attenuates as a lag does: where a lag is missing, the wrong
-    reading can be far better without it, and is not with it.
+    reading can be far better without it, and is not with it: of half a sample it is nearly the hold.
     """
-    least = min(null.cost for _, null in nulls)
-    if min(null.cost_per_dof for _, null in nulls) <= settings.good_cost:
-        return [(problem, null) for problem, null in nulls if null.cost <= least]
-    found = [(problem, null) for problem, null in nulls if null.cost <= least * settings.hold_ratio]
+    likeliest = min(nulls, key=lambda each: each[1].cost)
+    problem, null = likeliest
+    is_good = null.cost_per_dof <= settings.good_cost
+    found = [each for each in nulls if each[1].cost <= null.cost * (1.0 if is_good else settings.hold_ratio)]
     lags = [one for one in effect_types().values() if one.linear_part == "lag" and one.id not in left_out]
     if len(found) == len(nulls) or not lags:
         return found
-    best, _ = min(((each, _with_lag(*each, lags[0]).cost) for each in nulls), key=lambda pair: pair[1])
-    return found if any(each is best for each in found) else [*found, best]
+    cost, best = min(((_with_lag(*each, lags[0]).cost, each) for each in nulls), key=lambda pair: pair[0])
+    is_chance = is_good and null.cost - cost < math.log(problem.n_rows) + settings.null_gain
+    return found if best in found or is_chance else [*found, best]
 
 
 def _with_lag(problem: Problem, null: LinearFit, lag: EffectType) -> LinearFit:
