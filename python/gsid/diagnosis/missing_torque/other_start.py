@@ -17,7 +17,7 @@ MODES_MOST = 6  # of either stack that are matched: the pairs grow as the factor
 def with_values_of(part: LinearPart, stack: Stack) -> LinearPart:
     """A linear part with the values of another stack, where both have the same effects.
 
-    Lags are matched by size, modes by frequency. Fixed values stay.
+    Lags are matched by size, modes by frequency and within their limits. Fixed values stay.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def with_values_of(part: LinearPart, stack: Stack) -> LinearPart:
     """
     apart = [*_of(part.stack, "lag"), *_of(part.stack, "mode")]
     matched = {label: label for label in part.stack if label in stack and label not in apart}
-    matched |= _matched_lags(part.stack, stack) | _matched_modes(part.stack, stack)
+    matched |= _matched_lags(part.stack, stack) | _matched_modes(part, stack)
     values = part.values
     for i, name in enumerate(part.names):
         label, _, parameter = name.rpartition(".")
@@ -64,15 +64,20 @@ def _matched_lags(ours: Stack, theirs: Stack) -> dict[str, str]:
     return dict(zip(by_size(ours), by_size(theirs), strict=False))
 
 
-def _matched_modes(ours: Stack, theirs: Stack) -> dict[str, str]:
-    """Pairs of modes with the least sum of differences of log frequency."""
+def _matched_modes(part: LinearPart, theirs: Stack) -> dict[str, str]:
+    """Pairs of modes, as many as possible within their limits, with least differences of log frequency."""
+    ours = part.stack
     mine, others = _of(ours, "mode")[:MODES_MOST], _of(theirs, "mode")[:MODES_MOST]
     if not mine or not others:
         return {}
     f_hz, other_hz = (
-        [np.log(s[label]["f_hz"]) for label in labels] for s, labels in ((ours, mine), (theirs, others))
+        np.array([s[label]["f_hz"] for label in labels]) for s, labels in ((ours, mine), (theirs, others))
     )
-    gap = np.abs(np.subtract.outer(f_hz, other_hz))
+    gap = np.abs(np.subtract.outer(np.log(f_hz), np.log(other_hz)))
+    limits = dict(zip(part.names, zip(part.lower, part.upper, strict=True), strict=True))
+    lower, upper = np.transpose([limits.get(f"{label}.f_hz", (-np.inf, np.inf)) for label in mine])
+    is_out = (other_hz < lower[:, None]) | (other_hz > upper[:, None])
+    gap[is_out] += len(mine) * np.max(gap)
     if len(mine) <= len(others):
         choices = [
             list(zip(range(len(mine)), p, strict=True)) for p in permutations(range(len(others)), len(mine))
