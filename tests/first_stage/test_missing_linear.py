@@ -63,7 +63,7 @@ def test_bug_a_mode_took_a_value_beyond_its_limit():
     """30 % too low, the upper mode was at the lower one, which took the other's value (5322, delay 15)."""
     given = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(47.6), "flexible_mode#2": mode(67.92)}
     part = linear_part(with_mode_limits(PlantModel(FS_HZ, effects_of(given), "rate")))
-    moved = part.at(part.values + [0, 47.5, 0, 0, -0.1, 0, 0])
+    moved = part.at(part.values + np.array([0, 47.5, 0, 0, -0.1, 0, 0]))
     shown = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(67.94), "flexible_mode#2": mode(97.04)}
     found = with_values_of(moved, shown).stack
     assert (found["flexible_mode"]["f_hz"], found["flexible_mode#2"]["f_hz"]) == (67.94, 97.04)
