@@ -105,7 +105,7 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
  *  turn by a constant angle in each period: y as its angle is then given without this turn, as y[n] - n / n_period turn.
  *  Effects that are not locked to the excitation (periodic_disturbance) are left out. A sensor's refresh starts at the
  *  period's first sample: rate_hz n_period / fs_hz should be whole.
- *  @param[in]  u         [n_period] one period
+ *  @param[in]  u         [n_period] one period; with a first-order hold the command at each sample, not at its end
  *  @param[in]  n_settle_periods  simulated first
  *  @param[in]  n_newton  at most so many corrections of the values, and again of values and sensitivities
  *  @param[out] y         [n_period] without a turn

@@ -19,7 +19,7 @@ typedef struct {
     gsid_plant_cfg plant;  /* fs_hz: steps of the input per second; the values of the items are copied */
     uint32_t n_period;     /* samples of the output in a period, >= 1 */
     uint32_t oversampling; /* steps of the input in a sample of the output, >= 1 */
-    const double *u;       /* [n_period oversampling] one period, held over each step */
+    const double *u;       /* [n_period oversampling] one period, held over each step or linear between them (first_order_hold) */
     int is_placed;         /* 1: the first search begins at this angle and rate, without settling; 0: on the linear orbit */
     double angle, rate;
     double tolerance; /* settled: change in a period, unit of y, if that is more than GSID_STEADY_RESIDUAL allows; >= 0 */
