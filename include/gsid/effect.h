@@ -71,7 +71,8 @@ typedef struct {
 
 /* ---- what is linear: z' = A z ---- */
 
-/* Entries of z that every plant has: its inputs, then its states. */
+/* Entries of z that every plant has: its inputs, then its states. Of a command that is not held GSID_Z_COMMAND is the slope: an
+ * effect is driven by the entry `command` of gsid_linear. */
 enum { GSID_Z_COMMAND = 0, GSID_Z_ONE = 1, GSID_Z_ANGLE = 2, GSID_Z_RATE = 3, GSID_Z_STATES = GSID_Z_ANGLE };
 #define GSID_Z_MAX 32
 

@@ -37,7 +37,7 @@ typedef struct {
     uint64_t *moves_left; /* the same once it is 0: each sample takes its moves times the columns moved from it. It bounds the
                              work on any computer by the same amount; NULL: no bound */
     int first_order_hold; /* 0: a command is held over its sample; 1: from the command before, it is reached linearly at the
-                             end of its sample. Not with a controller */
+                             end of its sample. Not with a controller. It takes one of the GSID_Z_MAX entries of z */
 } gsid_plant_cfg;
 
 typedef struct gsid_plant_layout gsid_plant_layout;
@@ -94,7 +94,7 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
 /** Put the plant on the periodic orbit that it would have without its nonlinear torques: a good start for the search for the
  *  true orbit. From rest, a plant with stops or backlash can reach another orbit, which is periodic too. In closed loop
  *  behind a delay the start is near that orbit, not on it: the delayed commands are those of a period begun at rest.
- *  @param[in]  u         [n_period] one period
+ *  @param[in]  u         [n_period] one period, as of gsid_plant_periodic
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period is 0; GSID_E_NONFINITE u is not finite: nothing changed;
  *          or the plant left the range of numbers, or GSID_E_STOPPED: it is at rest now.
  *  Cost: one period, with a column for each state.  Context: background. */

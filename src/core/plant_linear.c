@@ -126,17 +126,35 @@ void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to) {
     to->n_delays = n_delays;
 }
 
+/* States that follow from the command alone, each from those before it: a first-order hold, lags of the motor. */
+static void mark_of_command(const gsid_linear *a, int is_of_command[GSID_Z_MAX]) {
+    for (uint32_t i = 0; i < a->n; i++) {
+        is_of_command[i] = i > GSID_Z_RATE && i < a->sensor;
+        for (uint32_t k = 0; k < a->n_entries && is_of_command[i]; k++) {
+            const gsid_linear_entry e = a->entry[k];
+            const int is_known = e.column < GSID_Z_STATES || e.column == i || (e.column < i && is_of_command[e.column]);
+            is_of_command[i] = e.row != i || is_known;
+        }
+    }
+}
+
 gsid_real gsid_plant_fastest(const gsid_linear *a) {
-    gsid_real spring = 1, largest = 0, scale[GSID_Z_MAX], sum[GSID_Z_MAX] = {0};
+    gsid_real spring = 1, drive = 1, largest = 0, scale[GSID_Z_MAX], sum[GSID_Z_MAX] = {0};
+    int is_of_command[GSID_Z_MAX] = {0};
+    mark_of_command(a, is_of_command);
     for (uint32_t k = 0; k < a->n_entries; k++) {
         const gsid_linear_entry e = a->entry[k];
         const int is_spring = e.column == GSID_Z_ANGLE || (e.column == a->twist && a->twist != 0);
         if (is_spring && gsid_fabs(e.value) > spring) {
             spring = gsid_fabs(e.value);
         }
+        if (e.column < a->n && is_of_command[e.column] && !is_of_command[e.row] && gsid_fabs(e.value) > drive) {
+            drive = gsid_fabs(e.value);
+        }
     }
     for (uint32_t i = 0; i < a->n; i++) {
-        scale[i] = i == GSID_Z_ANGLE || (i == a->twist && i != 0) ? gsid_sqrt(spring) : GSID_R(1.0);
+        const int is_angle = i == GSID_Z_ANGLE || (i == a->twist && i != 0);
+        scale[i] = is_angle ? gsid_sqrt(spring) : is_of_command[i] ? drive : GSID_R(1.0);
     }
     for (uint32_t k = 0; k < a->n_entries; k++) {
         const gsid_linear_entry e = a->entry[k];

@@ -29,8 +29,8 @@ void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to);
 /* `to` brings its lists and the columns of the free parameters. */
 void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to);
 
-/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. Inputs
- * cannot make the states faster. */
+/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency, and states
+ * that follow from the command so that the gain of the body does not count. Inputs cannot make the states faster. */
 gsid_real gsid_plant_fastest(const gsid_linear *a);
 
 /* The maps of a flow that are needed, for its length. */

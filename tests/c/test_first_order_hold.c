@@ -133,6 +133,36 @@ static void periodic_sensitivities_are_those_by_differences(void **state) {
 }
 #endif
 
+/* Moves of one period of a body with friction, whose command has the torque of a gain of 1000. */
+static uint64_t moves_of(double gain, int first_order_hold, double lag_s) {
+    uint64_t left = UINT64_MAX;
+    bench_clear(&b);
+    b.cfg.first_order_hold = first_order_hold;
+    b.cfg.moves_left = &left;
+    bench_add_with(&b, "rigid_body", gain, 0, 0);
+    bench_add_with(&b, "viscous_friction", 11, 0, 0);
+    bench_add_with(&b, "coulomb_friction", 15, 0, 0);
+    if (lag_s > 0) {
+        bench_add_with(&b, "motor_lag", lag_s, 0, 0);
+    }
+    for (uint32_t n = 0; n < N; n++) {
+        u[n] = (gsid_real)(bench_command(N, n, 50) / gain * 1000);
+    }
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, NULL), GSID_OK);
+    return UINT64_MAX - left;
+}
+
+/* The unit of the command has no influence: a gain of a million took 200 times the moves, one of ten million was too steep. */
+static void bug_the_gain_of_a_body_counted_as_a_rate(void **state) {
+    (void)state;
+    const double lag_s[] = {0, 1e-3, 1e-3};
+    for (int k = 0; k < 3; k++) { /* rounding moves an event */
+        const double small = (double)moves_of(1e2, k != 1, lag_s[k]);
+        assert_near((double)moves_of(1e7, k != 1, lag_s[k]), small, 0.01 * small);
+    }
+}
+
 /* A controller's clock holds its command. */
 static void a_controller_is_refused(void **state) {
     (void)state;
@@ -152,6 +182,7 @@ int main(void) {
 #ifndef GSID_SINGLE
         cmocka_unit_test(periodic_sensitivities_are_those_by_differences),
 #endif
+        cmocka_unit_test(bug_the_gain_of_a_body_counted_as_a_rate),
         cmocka_unit_test(a_controller_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
