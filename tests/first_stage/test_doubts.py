@@ -12,11 +12,11 @@ from gsid.diagnosis.from_records.doubts import (
     StrongestLine,
     doubts,
     n_resonances,
-    simulation_error,
     strongest_line,
 )
 from gsid.diagnosis.from_records.law_part import without_added
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.simulation_error import noise_p_value, simulation_error
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
@@ -194,6 +194,7 @@ def test_bug_the_error_of_an_unheld_input_was_named_a_lag(beside, n_doubts):
     null = gsid.fit_plant(model, [gsid.Record(np.tile(u, 6), y, 1000.0, 200, 0, hold="none")])
     error = simulation_error(null)
     assert null.cost - null.n_dof == pytest.approx(error, rel=0.1)
+    assert null.noise_p_value < 1e-20 < 0.01 < noise_p_value(null)
     law = replace(null, cost=null.cost - error - beside * np.sqrt(error))
     assert sum("not held" in one for one in doubts(null, law, "motor_lag", DEFAULTS)) == n_doubts
 

@@ -69,6 +69,23 @@ def test_bug_a_mode_took_a_value_beyond_its_limit():
     assert (found["flexible_mode"]["f_hz"], found["flexible_mode#2"]["f_hz"]) == (67.94, 97.04)
 
 
+def test_bug_a_mode_of_fixed_frequency_took_the_values_of_a_far_one():
+    given = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(50.0), "flexible_mode#2": mode(80.0)}
+    part = part_of(given, fixed=["flexible_mode.f_hz"])
+    shown = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(51.0), "flexible_mode#2": mode(400.0)}
+    shown["flexible_mode"]["zeta"] = 0.02
+    found = with_values_of(part, shown).stack
+    assert found["flexible_mode"] == {"f_hz": 50.0, "zeta": 0.02, "residue": 0.1}
+    assert found["flexible_mode#2"]["f_hz"] == 400.0
+
+
+def test_a_mode_without_a_partner_within_its_limits_keeps_its_values():
+    given = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(50.0)}
+    part = linear_part(with_mode_limits(PlantModel(FS_HZ, effects_of(given), "rate")))
+    shown = {"rigid_body": {"gain": 2.0}, "flexible_mode": mode(200.0) | {"zeta": 0.3}}
+    assert with_values_of(part, shown).stack == {"rigid_body": {"gain": 2.0}, "flexible_mode": mode(50.0)}
+
+
 def problem_of(trial, percent, hold="zoh", limited=True):
     """The fit of the linear part to a trial, and its start."""
     start = trial.start(np.random.default_rng([percent, trial.period_samples]), percent / 100)

@@ -16,13 +16,13 @@ from scipy import special
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.simulation_error import simulation_error
 from gsid.diagnosis.missing_torque.catalogue import LINEAR_KINDS
 from gsid.diagnosis.missing_torque.linear_fit import basis
 from gsid.effects.types import find
 from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
-from gsid.plant.unheld_input import unheld_error
 
 F_STEP_HZ = 1e-6  # lines of different records that are nearer are the same
 FOLLOWED = 1e-9  # share of an error that is left where the parameters follow it
@@ -213,20 +213,6 @@ def _on_excited_lines(one: RecordFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     """|sum|^2 of the complex values of each line."""
     return np.bincount(line, values.real) ** 2 + np.bincount(line, values.imag) ** 2
-
-
-def simulation_error(null: PlantFit) -> float:
-    """Cost of the error of simulating inputs that are not held, beside what the parameters follow (PLT-3).
-
-    Parameters
-    ----------
-    null : PlantFit
-    """
-    lines = [unheld_error(one.spectra, null.model)[None, :] for one in null.records]
-    if not any(np.any(one) for one in lines):
-        return 0.0
-    column, known = null.whitened(lines), basis(null.jacobian)
-    return float(np.sum((column - known @ (known.T @ column)) ** 2))
 
 
 def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:

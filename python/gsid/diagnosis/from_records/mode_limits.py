@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gsid.diagnosis.missing_torque.other_start import FARTHEST
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.structure.settings import StructureSettings
 
 Limits = tuple[float, float]
-FARTHEST = 2.0  # share of its frequency within which a mode is the same: values may be 30 % off
 
 
 def with_mode_limits(model: PlantModel) -> PlantModel:

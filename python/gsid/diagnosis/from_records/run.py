@@ -19,6 +19,7 @@ from gsid.diagnosis.from_records.evidence import Evidence, may_be_noise, n_param
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.simulation_error import noise_p_value
 from gsid.diagnosis.from_records.steps import Steps
 from gsid.diagnosis.from_records.verdict import ADEQUATE, UNKNOWN, Decision, decide
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits
@@ -172,8 +173,8 @@ class Run:
 
     @property
     def noise_p_value(self) -> float:
-        """p-value of what the simulated linear part leaves."""
-        return self.null.fit.noise_p_value
+        """p-value of what the simulated linear part leaves, without the error of the simulation."""
+        return noise_p_value(self.null.fit)
 
     def conclude_without_law(self, null: Simulated) -> None:
         """Adequate, or unknown, with another fit of the given model."""

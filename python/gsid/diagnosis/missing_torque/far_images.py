@@ -10,7 +10,8 @@ from scipy.interpolate import BarycentricInterpolator
 from gsid.base.zero_order_hold import hold_factor
 
 NODES = 8
-"""Frequencies at which the images are summed: from the fourth image on this is exact to 1e-8 of the sum."""
+"""Frequencies at which the images are summed: from the fourth image on this is exact to 1e-8 of the sum, if
+the resonances are below two and a half sample rates."""
 
 Command = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -11,13 +11,15 @@ from gsid.diagnosis.missing_torque.problem import LinearPart, linear_kind
 
 Stack = Mapping[str, Mapping[str, float]]
 
+FARTHEST = 2.0  # share of the frequency within which a mode is the same: values may be 30 % off
 MODES_MOST = 6  # of either stack that are matched: the pairs grow as the factorial
 
 
 def with_values_of(part: LinearPart, stack: Stack) -> LinearPart:
     """A linear part with the values of another stack, where both have the same effects.
 
-    Lags are matched by size, modes by frequency and within their limits. Fixed values stay.
+    Lags are matched by size, modes by frequency. A mode that has no partner within its limits keeps its
+    values, as do fixed ones.
 
     Parameters
     ----------
@@ -75,9 +77,11 @@ def _matched_modes(part: LinearPart, theirs: Stack) -> dict[str, str]:
     )
     gap = np.abs(np.subtract.outer(np.log(f_hz), np.log(other_hz)))
     limits = dict(zip(part.names, zip(part.lower, part.upper, strict=True), strict=True))
-    lower, upper = np.transpose([limits.get(f"{label}.f_hz", (-np.inf, np.inf)) for label in mine])
+    fixed = [(f / FARTHEST, f * FARTHEST) for f in f_hz]
+    ends = [limits.get(f"{label}.f_hz", one) for label, one in zip(mine, fixed, strict=True)]
+    lower, upper = np.transpose(ends)
     is_out = (other_hz < lower[:, None]) | (other_hz > upper[:, None])
-    gap[is_out] += len(mine) * np.max(gap)
+    gap[is_out] += 1 + len(mine) * np.max(gap)  # as many pairs within the limits as possible
     if len(mine) <= len(others):
         choices = [
             list(zip(range(len(mine)), p, strict=True)) for p in permutations(range(len(others)), len(mine))
@@ -87,4 +91,4 @@ def _matched_modes(part: LinearPart, theirs: Stack) -> dict[str, str]:
             list(zip(p, range(len(others)), strict=True)) for p in permutations(range(len(mine)), len(others))
         ]
     best = min(choices, key=lambda pairs: sum(gap[i, j] for i, j in pairs))
-    return {mine[i]: others[j] for i, j in best}
+    return {mine[i]: others[j] for i, j in best if not is_out[i, j]}

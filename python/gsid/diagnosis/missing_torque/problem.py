@@ -199,7 +199,7 @@ class Problem:
         self.n_groups = len(kinds)
         self._known_lines: dict[tuple[int, int], tuple[np.ndarray, np.ndarray | None]] = {}
         self._known_holds: dict[tuple[int, int, float], np.ndarray] = {}
-        self._known_far: dict[int, FarImages] = {}
+        self._known_far: dict[tuple[int, int], FarImages] = {}
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
 
@@ -289,16 +289,17 @@ class Problem:
         return found
 
     def _far_images(self, part: LinearPart, group: int, images: int) -> np.ndarray | float:
-        """Sum of the images beyond some; 0 behind a sensor that is held, and in a closed loop."""
-        kinds = {linear_kind(label) for label in part.stack}
-        if self.closed_loop or kinds & ONE_BY_ONE:
+        """Sum of the images beyond some; left out behind a sensor that is held, and in a closed loop."""
+        kinds = {label: linear_kind(label) for label in part.stack}
+        last = self.settings.images_far
+        if self.closed_loop or last <= images or ONE_BY_ONE & set(kinds.values()):
             return 0.0
         lines = self.first[group]
-        if group not in self._known_far:
-            last = self.settings.images_far
-            self._known_far[group] = FarImages(lines.f_hz, lines.spectra.fs_hz, images, last)
-        delay_s = sum(params.get("delay_s", 0.0) for params in part.stack.values())
-        return self._known_far[group].sum(lambda f, hold: self._view(part, group, f, hold).command, delay_s)
+        if (group, images) not in self._known_far:
+            self._known_far[group, images] = FarImages(lines.f_hz, lines.spectra.fs_hz, images, last)
+        delay_s = sum(part.stack[label]["delay_s"] for label, kind in kinds.items() if kind == "delay")
+        far = self._known_far[group, images]
+        return far.sum(lambda f, hold: self._view(part, group, f, hold).command, delay_s)
 
     def whiten(self, errors: Sequence[np.ndarray]) -> np.ndarray:
         """Errors of each record, (..., K), whitened and put together as real numbers, (..., n_rows).

@@ -297,7 +297,9 @@ def _possible(
 
     Half a sample of delay shifts the phase of a resonance by as much as a law does: where much is missing,
     the linear part alone cannot decide. A hold attenuates as a lag does: where a lag is missing, the wrong
-    reading can be far better without it, and is not with it: of half a sample it is nearly the hold.
+    reading can be far better without it, and is not with it. A lag of half a sample attenuates as a hold
+    does: the wrong reading then leaves little, and the other one counts if it and a lag explain that beyond
+    chance.
     """
     likeliest = min(nulls, key=lambda each: each[1].cost)
     problem, null = likeliest
