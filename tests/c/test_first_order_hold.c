@@ -67,6 +67,49 @@ static void one_more_period_repeats_the_answer(void **state) {
     }
 }
 
+/* The commands under way at the start are those of several periods. */
+static void a_period_may_be_shorter_than_the_delay(void **state) {
+    (void)state;
+    enum { SHORT = 9 };
+    gsid_real residual, out = 0;
+    start();
+    bench_add_source(&b);
+    b.item[0].value[0] = (gsid_real)(50.3 / FS);
+    for (uint32_t n = 0; n < SHORT; n++) {
+        u[n] = (gsid_real)bench_command(SHORT, n, 50);
+    }
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, SHORT, u, 2, 10, y, NULL, NULL, NULL, &residual), GSID_OK);
+    assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
+    for (int n = 0; n < 1000 * SHORT; n++) {
+        assert_int_equal(gsid_plant_step(&b.plant, u[(n + 1) % SHORT], &out, NULL), GSID_OK);
+        if (n >= 999 * SHORT) {
+            assert_near((double)out, (double)y[n % SHORT], (double)residual + 100 * FINE);
+        }
+    }
+}
+
+/* With a joint, the motor follows the command; a sensor that is held is refreshed within the steps. */
+static void play_and_a_held_sensor_see_the_line_between_commands(void **state) {
+    (void)state;
+    gsid_real residual, out;
+    start();
+    bench_add_with(&b, "rigid_body", 7.4, 0, 0);
+    bench_add_with(&b, "viscous_friction", 11, 0, 0);
+    bench_add_with(&b, "cable_spring", 170, 0, 0);
+    bench_add(&b, "gear_backlash");
+    bench_add_with(&b, "sensor_sample_hold", 375, 0, 0);
+    for (uint32_t n = 0; n < N; n++) {
+        u[n] = (gsid_real)bench_command(N, n, 50);
+    }
+    bench_init(&b);
+    assert_true(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, &residual) >= 0);
+    for (int n = 0; n < N; n++) {
+        assert_int_equal(gsid_plant_step(&b.plant, u[(n + 1) % N], &out, NULL), GSID_OK);
+        assert_near((double)out, (double)y[n], (double)residual + 100 * FINE);
+    }
+}
+
 /* Periods of the same command through _step: the sensitivities settle to those of the periodic answer. */
 static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
     (void)state;
@@ -178,6 +221,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_free_axis_follows_the_closed_form),
         cmocka_unit_test(one_more_period_repeats_the_answer),
+        cmocka_unit_test(a_period_may_be_shorter_than_the_delay),
+        cmocka_unit_test(play_and_a_held_sensor_see_the_line_between_commands),
         cmocka_unit_test(periodic_sensitivities_are_those_reached_by_stepping),
 #ifndef GSID_SINGLE
         cmocka_unit_test(periodic_sensitivities_are_those_by_differences),
