@@ -514,3 +514,10 @@ def test_bug_a_reading_of_the_hold_was_fitted_twice():
     nulls = [(problem, fit_null(problem, part)) for problem, part in problems]
     found = _possible(nulls, replace(STAGE, good_cost=0.0, hold_ratio=1.0), ())
     assert len(found) == len({id(null) for _, null in found})
+
+
+def test_bug_a_mode_was_not_found_whose_place_the_body_had_taken():
+    """Its spring had become a thousand times as stiff: the mode shows beside the given values only."""
+    stage = first_stage_of(axes.drawn(5324, "flexible_mode", 19))
+    assert stage.conclusion.effects == ("flexible_mode",)
+    assert stage.ranking[0].cost_per_dof < 1.05

@@ -439,27 +439,51 @@ def _enlarged(part: LinearPart, effect: EffectType, params: dict[str, float]) ->
     return LinearPart(stack, names, lower, upper)
 
 
+def mode_start(
+    problem: Problem, part: LinearPart, effect: EffectType, scales: dict[str, float]
+) -> LinearPart:
+    """A linear part with the further mode that explains most beside a small change of the part's values.
+
+    Parameters
+    ----------
+    problem : Problem
+    part : LinearPart
+        With values that were not fitted.
+    effect : EffectType
+        The mode.
+    scales : dict of float
+    """
+    modes = ModeScan(problem, part, basis(problem.tangent(part, problem.commands)))
+    _, start = _best_mode(modes, problem, part, effect, scales)
+    return start
+
+
 def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float]) -> Candidate:
+    modes = ModeScan(scan.problem, scan.fit.part, scan.q, scan.fit.error)
+    gain, start = _best_mode(modes, scan.problem, scan.fit.part, effect, scales)
+    return Candidate(effect.id, effect_family(effect), effect, gain, start=start)
+
+
+def _best_mode(
+    modes: ModeScan, problem: Problem, part: LinearPart, effect: EffectType, scales: dict[str, float]
+) -> tuple[float, LinearPart]:
+    """The largest gain, and the part with this mode; typical values if none explains anything."""
     f_hz = effect["f_hz"].grid
     first, last = f_hz.first * scales[f_hz.of], f_hz.last * scales[f_hz.of]
-    settings = scan.problem.settings
-    lowest = min(first, settings.mode_lowest * scan.problem.first[0].f_hz[0])
+    settings = problem.settings
+    lowest = min(first, settings.mode_lowest * problem.first[0].f_hz[0])
     n_points = settings.mode_points * np.log(last / lowest) / np.log(last / first)
     first, frequencies = lowest, np.geomspace(lowest, last, int(n_points))
-    best = Candidate(effect.id, effect_family(effect), effect, 0.0)
-    modes = ModeScan(scan.problem, scan.fit.part, scan.q, scan.fit.error)
+    gain, start = 0.0, _enlarged(part, effect, {p.name: p.typical for p in effect.parameters})
     for zeta in effect["zeta"].grid.points:
         found = modes.best(frequencies, zeta)
-        if found.gain > best.gain:
+        if found.gain > gain:
             params = {"f_hz": found.f_hz, "zeta": zeta, "residue": found.residue}
-            start = _enlarged(scan.fit.part, effect, params)
+            gain, start = found.gain, _enlarged(part, effect, params)
             # The given damping is in the grid: a mode beyond the band, or without damping, is another law.
             start.lower[-3], start.upper[-3] = first, last
             start.lower[-2] = 0.2 * min(effect["zeta"].grid.points)
-            best = Candidate(effect.id, effect_family(effect), effect, found.gain, start=start)
-    if best.start is None:
-        best.start = _enlarged(scan.fit.part, effect, {p.name: p.typical for p in effect.parameters})
-    return best
+    return gain, start
 
 
 def _linear_candidate(

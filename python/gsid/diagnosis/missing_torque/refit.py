@@ -115,20 +115,28 @@ def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: Line
     one.fit = fit_linear_part(problem, one.start)
     for other in one.others:
         one.fit = min(one.fit, fit_linear_part(problem, other), key=lambda fit: fit.cost)
-    if null.cost_per_dof > good or _has_strayed(null.part, given, problem.settings.mode_spread):
+    if null.cost_per_dof > good or has_strayed(null.part, given, problem.settings.mode_spread):
         for point in one.points:
             if one.fit.cost_per_dof <= good < null.cost_per_dof:
                 break
             again = fit_linear_part(problem, with_linear(given, one.effect, point))
             one.fit = min(one.fit, again, key=lambda fit: fit.cost)
-    if one.fit.cost_per_dof > good or _has_strayed(one.fit.part, given, problem.settings.mode_spread):
+    if one.fit.cost_per_dof > good or has_strayed(one.fit.part, given, problem.settings.mode_spread):
         one.fit = with_modes_searched(problem, one.fit)
     one.coefficients = one.fit.part.values[len(null.part.names) :]
     one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, one.fit.jacobian, 1)
 
 
-def _has_strayed(part: LinearPart, given: LinearPart, most: float) -> bool:
-    """Whether a fit has left the given values so far behind that they may imitate what is missing."""
+def has_strayed(part: LinearPart, given: LinearPart, most: float) -> bool:
+    """Whether a fit has left the given values so far behind that they may imitate what is missing.
+
+    Parameters
+    ----------
+    part, given : LinearPart
+        Of one structure, or `part` with further effects.
+    most : float
+        Largest ratio of a value to the given one.
+    """
     before = given.values
     now = np.array([part.stack[label][name] for label, name in map(split, given.names)])
     known = before != 0

@@ -28,10 +28,11 @@ from gsid.diagnosis.missing_torque.ranking import (
     Candidate,
     Scan,
     linear_candidates,
+    mode_start,
     scan_laws,
     with_linear,
 )
-from gsid.diagnosis.missing_torque.refit import is_at_an_end, refit
+from gsid.diagnosis.missing_torque.refit import has_strayed, is_at_an_end, refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
 from gsid.effects.types import EffectType
 from gsid.effects.types import catalogue as effect_types
@@ -336,7 +337,7 @@ def _fitted(
     clock.take("sample and hold")
     on_step("scanning the laws")
     moved = motions(problem, null.part)
-    candidates = _scanned(problem, null, moved, model, without)
+    candidates = _scanned(problem, null, given, moved, model, without)
     _add_starts(candidates, null, values)
     clock.take("scan")
     on_step("fitting the best laws")
@@ -382,7 +383,7 @@ def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str])
         if not refitted:
             # Copies: if the time ends here, the result is that with the weights of noise.
             known = {each.name: copy.copy(each) for each in one.refitted}
-            scanned = _scanned(problem, null, moved, model, without)
+            scanned = _scanned(problem, null, one.given, moved, model, without)
             _add_starts(scanned, null, one.values)
             candidates = [known.get(each.name, each) for each in scanned]
             try:
@@ -447,9 +448,18 @@ def _ranked_hold(before: LinearFit, held: LinearFit, misfit: Misfit, kept: float
 
 
 def _scanned(
-    problem: Problem, null: LinearFit, moved: list[Motion], model: PlantModel, without: Collection[str]
+    problem: Problem,
+    null: LinearFit,
+    given: LinearPart,
+    moved: list[Motion],
+    model: PlantModel,
+    without: Collection[str],
 ) -> list[Candidate]:
-    """All candidates with their gain in the scan, largest first."""
+    """All candidates with their gain in the scan, largest first.
+
+    Where the fit has left the given values, the body may be at the place of a mode that is missing: that mode
+    shows beside the given values only.
+    """
     left_out = {effect.id for effect in model.effects} | set(without)
     is_angle = model.angle_unit != "m"
     scan, scales = Scan(problem, null, moved), catalogue.scales(problem, moved)
@@ -460,6 +470,9 @@ def _scanned(
     present = {effect.id for effect in model.effects}
     linear = [e for e in catalogue.linear_effects(present, is_angle) if e.id not in without]
     found += linear_candidates(scan, linear, scales)
+    if has_strayed(null.part, given, problem.settings.mode_spread):
+        for one in [one for one in found if one.effect.linear_part == "mode"]:
+            one.others = (mode_start(problem, given, one.effect, scales),)
     return sorted(found, key=lambda one: -one.gain)
 
 
@@ -467,7 +480,7 @@ def _add_starts(candidates: list[Candidate], null: LinearFit, values: Stack | No
     """Give the linear effects that only another stack has the start of that stack; in place."""
     for one in candidates if values is not None else []:
         if one.law is None and lacks(null.part, values, one.name):
-            one.others = (with_values_of(one.start, values),)
+            one.others = (*one.others, with_values_of(one.start, values))
 
 
 def _chosen(problem: Problem, null: LinearFit, candidates: list[Candidate]) -> list[Candidate]:
