@@ -144,7 +144,7 @@ def test_the_error_of_a_model_is_weighed_only_where_one_law_is_shown(monkeypatch
     """Beside two laws the larger laws of each are shown, and no free function of either."""
     weighed, enlarged = [], []
     steps = ("find_structure", "draw_up", "confirm", "seek_stop", "seek_play", "mend_structure", "check_hold")
-    for step in (*steps, "check_delay", "check_series", "subtract_disturbances"):
+    for step in (*steps, "check_far_values", "check_series", "subtract_disturbances"):
         monkeypatch.setattr(diagnosing, step, lambda *_: None)
     monkeypatch.setattr(diagnosing, "leave_out_ringing_lines", lambda _: False)
     monkeypatch.setattr(diagnosing, "weigh_model_error", weighed.append)

@@ -22,10 +22,10 @@ from dataclasses import replace
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.threads import with_one_thread_for_algebra
 from gsid.diagnosis.closed_loop import in_closed_loop
-from gsid.diagnosis.from_records.delay_check import check_delay
 from gsid.diagnosis.from_records.disturbances import subtract_disturbances
 from gsid.diagnosis.from_records.draw_up import draw_up, give_up
 from gsid.diagnosis.from_records.equal_weights import weigh_model_error
+from gsid.diagnosis.from_records.far_values import check_far_values
 from gsid.diagnosis.from_records.find_structure import find_structure
 from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.hold_check import check_hold, take_likelier_hold
@@ -137,7 +137,7 @@ def diagnose_records(
                     if model is not None:
                         rounds = Rounds(run)
                         rounds.run()
-                        check_delay(rounds)
+                        check_far_values(rounds)
                         check_hold(rounds)
                         check_series(rounds)
                     else:

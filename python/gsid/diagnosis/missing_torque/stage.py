@@ -345,15 +345,23 @@ def _fitted(
     refitted = _refitted(problem, null, moved, chosen, given)
     misfit = _misfit(problem, null)
     best = choose(refitted, misfit, problem.settings)
-    if best.law is None:  # all other linear effects are its rivals
-        others = [one for one in candidates if one.law is None and one not in chosen]
+    others = [one for one in candidates if one not in chosen and _is_linear_rival(one, best)]
+    if others:
         chosen += others
-        more = _refitted(problem, null, moved, others, given) if others else []
+        more = _refitted(problem, null, moved, others, given)
         refitted += [one for one in more if not is_at_an_end(one)]
         best = choose(refitted, misfit, problem.settings)
     clock.take("joint fits")
     too_late = [one for one in chosen if one.fit is None] if problem.deadline.is_over else []
     return _Fitted(problem, null, given, values, before, moved, candidates, refitted, misfit, best, too_late)
+
+
+def _is_linear_rival(one: Candidate, best: Candidate) -> bool:
+    """Whether a linear effect is fitted against the best law: any against another one, a spring against a law
+    of the angle, which is one over small angles."""
+    if one.law is not None:
+        return False
+    return best.law is None or bool(one.effect.linear_part == "spring" and best.effect.c.looks_at_angle)
 
 
 def _concluded(one: _Fitted, free: Sequence[FreeFunction]) -> Conclusion:
