@@ -218,7 +218,7 @@ def test_dry_friction_holds_a_standing_axis_up_to_its_level(level):
 def test_a_fit_has_strayed_from_its_given_values_by_more_than_a_factor(gain, strayed):
     given = linear_part(model(BODY, {"viscous_friction": {"rate": 0.0}}))
     now = linear_part(model({"rigid_body": {"gain": gain}}, VISCOUS))
-    assert refit._has_strayed(now, given, 1.6) is strayed
+    assert refit.has_strayed(now, given, 1.6) is strayed
 
 
 def test_a_third_mode_has_a_name_of_its_own():
