@@ -7,11 +7,6 @@
 
 /* ---- command ---- */
 
-static gsid_real *command_given(const gsid_plant_layout *l, uint32_t samples_ago) {
-    const uint32_t at = (l->command.newest + GSID_PLANT_DELAY_MAX + 1 - samples_ago) % (GSID_PLANT_DELAY_MAX + 1);
-    return l->command.under_way + (size_t)at * l->command.ring_columns;
-}
-
 static void scale_command(const gsid_plant_layout *l, gsid_real *u, gsid_real by_u, const uint32_t *column,
                           uint32_t n_parameters, const gsid_real *by_value) {
     for (uint32_t c = 1; c < l->shape.n_active; c++) {
@@ -78,7 +73,7 @@ void gsid_plant_give(gsid_plant *plant, gsid_real u) {
     }
     l->command.newest = (l->command.newest + 1) % (GSID_PLANT_DELAY_MAX + 1);
     const uint32_t n = l->command.ring_columns < l->shape.n_active ? l->command.ring_columns : l->shape.n_active;
-    memcpy(command_given(l, 0), l->command.u, n * sizeof *l->command.u);
+    memcpy(gsid_plant_command_given(l, 0), l->command.u, n * sizeof *l->command.u);
 }
 
 void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column) {
@@ -97,28 +92,14 @@ void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column) {
     }
 }
 
-/* The line from the command before to this one, with its slope. A longer delay shifts it by its slope. */
-static void take_ramp(gsid_plant_layout *l, gsid_real since_s, uint32_t n_given) {
-    const gsid_real *to = command_given(l, l->command.delay_samples),
-                    *from = command_given(l, l->command.delay_samples + 1);
-    gsid_real *slope = l->z + GSID_Z_COMMAND * l->shape.n_columns, *ramp = l->z + l->command.ramp * l->shape.n_columns;
-    memset(ramp, 0, l->shape.n_active * sizeof *ramp);
-    for (uint32_t c = 0; c < n_given; c++) {
-        slope[c] = (to[c] - from[c]) / l->motion.sample_s;
-        ramp[c] = from[c] + slope[c] * since_s;
-    }
-    for (uint32_t k = 0; l->shape.n_free > 0 && k < l->linear.a.n_delays; k++) {
-        ramp[l->linear.a.delay[k].by] -= slope[VALUE];
-    }
-}
-
 void gsid_plant_take_command(gsid_plant_layout *l, gsid_real since_s) {
-    const uint32_t n = l->command.ring_columns < l->shape.n_active ? l->command.ring_columns : l->shape.n_active;
     if (l->command.ramp != 0) {
-        take_ramp(l, since_s, n);
+        gsid_plant_take_ramp(l, since_s);
         return;
     }
-    memcpy(l->z + GSID_Z_COMMAND * l->shape.n_columns, command_given(l, l->command.delay_samples), n * sizeof *l->z);
+    const uint32_t n = l->command.ring_columns < l->shape.n_active ? l->command.ring_columns : l->shape.n_active;
+    memcpy(l->z + GSID_Z_COMMAND * l->shape.n_columns, gsid_plant_command_given(l, l->command.delay_samples),
+           n * sizeof *l->z);
 }
 
 /* The motor's command switches at an instant that moves with the delay, dt* = d delay: S jumps by f before - f after. With
