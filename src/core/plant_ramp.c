@@ -3,7 +3,7 @@
 
 #include "plant_sample.h"
 
-/* The line from the command before to this one, with its slope. A longer delay shifts it by its slope. */
+/* The line from the command before to this one, with its slope. A longer delay shifts it by its slope.  Eq: PLT-3 */
 void gsid_plant_take_ramp(gsid_plant_layout *l, gsid_real since_s) {
     const uint32_t n = l->command.ring_columns < l->shape.n_active ? l->command.ring_columns : l->shape.n_active;
     const gsid_real *to = gsid_plant_command_given(l, l->command.delay_samples),
