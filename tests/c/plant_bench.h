@@ -66,6 +66,28 @@ static inline void bench_init(bench *b) {
     assert_int_equal(gsid_plant_init(&b->plant, &b->cfg, b->memory.bytes, sizeof b->memory), GSID_OK);
 }
 
+/* Step n_periods from rest, and compare the sensitivities of the last one with the periodic ones, dy [n_free][n_period]. A step of
+ * sample n gets u[n + lead]. */
+static inline void bench_compare_stepped(bench *b, int n_period, const gsid_real *u, int lead, int n_periods,
+                                         const gsid_real *dy, double tolerance) {
+    gsid_real now[FREE_MAX], out;
+    double largest[FREE_MAX] = {0}, worst[FREE_MAX] = {0};
+    assert_int_equal(gsid_plant_reset(&b->plant), GSID_OK);
+    for (int n = 0; n < n_periods * n_period; n++) {
+        assert_int_equal(gsid_plant_step(&b->plant, u[(n + lead) % n_period], &out, now), GSID_OK);
+        for (uint32_t p = 0; n >= (n_periods - 1) * n_period && p < b->cfg.n_free; p++) {
+            const double periodic = (double)dy[p * (uint32_t)n_period + (uint32_t)(n % n_period)];
+            largest[p] = fmax(largest[p], fabs(periodic));
+            worst[p] = fmax(worst[p], fabs((double)now[p] - periodic));
+        }
+    }
+    for (uint32_t p = 0; p < b->cfg.n_free; p++) {
+        if (!(worst[p] <= tolerance * largest[p])) {
+            fail_msg("free parameter %u: off by %.3g of %.3g", p, worst[p] / largest[p], largest[p]);
+        }
+    }
+}
+
 /* The axis of the source: gain, friction, spring, delay, mode and gyro. */
 static inline void bench_add_source(bench *b) {
     bench_add_with(b, "transport_delay", 5.4e-3, 0, 0);

@@ -113,26 +113,11 @@ static void play_and_a_held_sensor_see_the_line_between_commands(void **state) {
 /* Periods of the same command through _step: the sensitivities settle to those of the periodic answer. */
 static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
     (void)state;
-    const int n_periods = repeats(30, 20);
-    gsid_real now[FREE_MAX], out;
     start_rich_stack();
     bench_free_all(&b);
     bench_init(&b);
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, dy[0], NULL, NULL, NULL), GSID_OK);
-    assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
-    double largest[FREE_MAX] = {0}, worst[FREE_MAX] = {0};
-    for (int n = 0; n < n_periods * N; n++) {
-        assert_int_equal(gsid_plant_step(&b.plant, u[(n + 1) % N], &out, now), GSID_OK);
-        for (uint32_t p = 0; n >= (n_periods - 1) * N && p < b.cfg.n_free; p++) {
-            largest[p] = fmax(largest[p], fabs((double)dy[p][n % N]));
-            worst[p] = fmax(worst[p], fabs((double)now[p] - (double)dy[p][n % N]));
-        }
-    }
-    for (uint32_t p = 0; p < b.cfg.n_free; p++) {
-        if (!(worst[p] <= PERIODIC_TOL * largest[p])) {
-            fail_msg("free parameter %u: off by %.3g of %.3g", p, worst[p] / largest[p], largest[p]);
-        }
-    }
+    bench_compare_stepped(&b, N, u, 1, repeats(30, 3), dy[0], PERIODIC_TOL);
 }
 
 #ifndef GSID_SINGLE

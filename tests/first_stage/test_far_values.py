@@ -45,6 +45,7 @@ def test_a_gain_that_is_not_determined(std, is_undetermined):
     given = gsid.PlantModel(FS_HZ, [Effect("rigid_body", {"gain": Param(80.0)})], "rate")
     found = far_value(gsid.PlantModel(FS_HZ, body, "rate"), given, DEFAULTS)
     assert (found is not None) == is_undetermined
+    assert found is None or ("do not determine rigid_body.gain" in found and "nan" not in found)
 
 
 def test_a_model_without_a_delay_has_none_that_is_far():

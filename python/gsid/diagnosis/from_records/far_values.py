@@ -51,13 +51,12 @@ def far_value(fitted: PlantModel, given: PlantModel, settings: DecisionSettings)
     for label, effect in given.labels():
         for name, known in effect.params.items():
             value, form = found[label].params[name], effect.type.linear_part
-            is_delay = form == "delay" and _is_far(value, known.value, settings)
-            is_delay = is_delay and abs(value.value - known.value) * given.fs_hz > 1
-            if is_delay or (form == "gain" and _is_undetermined(value)):
-                return (
-                    f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, and {known.value:.3g}"
-                    " in the given model: together they may stand for another effect."
-                )
+            in_given = f"{known.value:.3g} in the given model: together they may stand for another effect."
+            is_beyond_hold = abs(value.value - known.value) * given.fs_hz > 1
+            if form == "delay" and is_beyond_hold and _is_far(value, known.value, settings):
+                return f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, and {in_given}"
+            if form == "gain" and _is_undetermined(value):
+                return f"Beside it the data do not determine {label}.{name}, which is {in_given}"
     return None
 
 
