@@ -110,8 +110,7 @@ def test_bug_a_fit_that_the_time_stopped_hid_the_probability(monkeypatch, is_fit
         deadline=SimpleNamespace(is_over=bool(is_over), is_used_up=bool(is_over)),
         decide=lambda: None,
         given=None,
-        null=None,
-        noise_p_value=0.0,
+        null=SimpleNamespace(noise_p_value=0.0),
         alpha=0.05,
     )
     fit_laws._fit_laws(run, fits, [SimpleNamespace(model=None, effect="coulomb_friction")])

@@ -43,7 +43,7 @@ def test_the_best_law_is_finished_if_it_explains_most_and_was_cut_short(change, 
 def test_the_laws_of_the_short_list_end_with_the_best_one_finished(monkeypatch):
     best, finished = SimpleNamespace(**CUT_SHORT), SimpleNamespace(**CUT_SHORT | {"converged": True})
     run = SimpleNamespace(laws=[], cut=False, deadline=Deadline(), given=None, settings=DEFAULTS, final=None)
-    run.null, run.noise_p_value, run.alpha = SimpleNamespace(cost=1100.0), 0.0, 0.05
+    run.null, run.alpha = SimpleNamespace(cost=1100.0, noise_p_value=0.0), 0.05
 
     def decide():
         run.final = run.laws[0]

@@ -441,11 +441,10 @@ def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
         simulations=lambda: SimpleNamespace(not_tried={}),
         draft=SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="none"))),
         on_step=SimpleNamespace(expect=lambda n: None),
-        null="a fit",
+        null=SimpleNamespace(noise_p_value=p_value),
         laws=[],
         decision=Decision("adequate"),
         accept_noise=lambda: None,
-        noise_p_value=p_value,
         p_least=DEFAULTS.p_least,
         not_tried={},
     )

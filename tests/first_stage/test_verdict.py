@@ -16,8 +16,8 @@ N_DOF = 2000  # two standard deviations of the mean cost are 0.063
 LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
 
 
-def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
-    """A fit by simulation with this cost per degree of freedom."""
+def fit(effect, per_dof, kept=None, records=4, periods=8, p_value=0.0, **changes):
+    """A fit by simulation with this cost per degree of freedom, and this p-value of what it leaves."""
     spectra = SimpleNamespace(spectra=SimpleNamespace(n_periods=periods))
     undetermined = changes.pop("undetermined", [])
     of_plant = SimpleNamespace(
@@ -30,7 +30,9 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
         model=SimpleNamespace(labels=lambda: [(effect, SimpleNamespace(id=effect))]),
     )
     facts = {"converged": True, "scatter": 0.01, "scatter_error": 0.001} | changes
-    return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
+    one = Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
+    one.__dict__["noise_p_value"] = p_value
+    return one
 
 
 def decision(best, *others, null=100.0, beaten_by=(), all_linear=True, left=(), gain=1e9, doubts=()):
@@ -394,6 +396,17 @@ def test_bug_a_share_of_a_small_misfit_kept_a_lag_from_its_name(
     found = decision(fit(effect, cost), null=1.2, all_linear=all_linear)
     assert found.verdict == verdict
     assert found.unexplained_share == pytest.approx(unexplained, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "has_model_error", "adequate"),
+    [(0.051, False, True), (0.049, False, False), (0.051, True, False)],
+)
+def test_bug_a_complete_model_of_three_periods_left_more_than_noise(p_value, has_model_error, adequate):
+    """Its cost was 1.20 times that of noise, by chance (p = 0.08): a damping was only nearest (5325, 26)."""
+    null = fit("", 100.0, weighed=1.0 if has_model_error else None)
+    damping = fit("viscous_friction", 1.2, p_value=p_value)
+    assert Evidence(null, [damping], (), DEFAULTS).is_adequate(damping) == adequate
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gsid.base.cached import cached_property
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.play import (
@@ -17,6 +18,7 @@ from gsid.diagnosis.from_records.play import (
     with_hidden_mode,
 )
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.simulation_error import noise_p_value
 from gsid.diagnosis.leave_out import leave_out
 from gsid.greybox.fit import CANNOT_FIT, PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
@@ -87,6 +89,11 @@ class Simulated:
     def model(self) -> PlantModel:
         """The fitted model."""
         return self.fit.model
+
+    @cached_property
+    def noise_p_value(self) -> float:
+        """p-value of what the fit leaves, without the error of its simulation."""
+        return noise_p_value(self.fit)
 
     @property
     def has_reliable_share(self) -> bool:

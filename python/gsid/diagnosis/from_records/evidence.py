@@ -112,14 +112,16 @@ class Evidence:
         return 1 - left / (self.null.kept - self.floor) if self.null.kept > 1 else 0.0
 
     def is_adequate(self, one: Simulated) -> bool:
-        """Whether a fit leaves only noise.
+        """Whether a fit leaves only noise: as little as noise does, or no more than it does by chance.
 
         Parameters
         ----------
         one : Simulated
         """
+        if self.has_model_error:
+            return False
         small = one.fit.cost_per_dof <= self.settings.adequate
-        return not self.has_model_error and (self.excess(one) == 0 or small)
+        return small or self.excess(one) == 0 or one.noise_p_value >= self.settings.p_adequate
 
     def from_outside(self, one: Simulated) -> tuple[str, ...]:
         """Laws from outside the catalogue that speak against a law: those that beat it in the first stage.

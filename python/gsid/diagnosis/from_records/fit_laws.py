@@ -111,7 +111,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
         _finish_best(run, fits)
         _try_larger(run, fits)
         _fit_null_again(run, fits)
-    is_noise = run.noise_p_value >= run.alpha
+    is_noise = run.null.noise_p_value >= run.alpha
     if run.given and run.laws and is_noise and not run.is_significant:
         run.decision, run.final = Decision(ADEQUATE), None
 

@@ -19,7 +19,6 @@ from gsid.diagnosis.from_records.evidence import Evidence, may_be_noise, n_param
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.from_records.simulation_error import noise_p_value
 from gsid.diagnosis.from_records.steps import Steps
 from gsid.diagnosis.from_records.verdict import ADEQUATE, UNKNOWN, Decision, decide
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits
@@ -171,11 +170,6 @@ class Run:
             return ()
         return tuple(effect for effect in (SPRING, *LAGS) if effect not in self.start.effects)
 
-    @property
-    def noise_p_value(self) -> float:
-        """p-value of what the simulated linear part leaves, without the error of the simulation."""
-        return noise_p_value(self.null.fit)
-
     def conclude_without_law(self, null: Simulated) -> None:
         """Adequate, or unknown, with another fit of the given model."""
         self.null, self.laws, self.final = null, [], None
@@ -184,7 +178,7 @@ class Run:
 
     def check_adequate(self) -> None:
         """Whether what the linear part, or the given model, leaves is noise."""
-        p_value = self.noise_p_value
+        p_value = self.null.noise_p_value
         if p_value < self.p_least:
             reason = f"What is left is larger than noise (p = {p_value:.2g}), and no law explains it."
             self.decision = Decision(UNKNOWN, (), (reason,))

@@ -104,6 +104,9 @@ class DecisionSettings:
     adequate : float
         Cost per degree of freedom up to which only noise is left, set on the development trials. The noise is
         estimated from few periods, so that a complete model may leave more than 1.
+    p_adequate : float
+        p-value of a fit from which it leaves only noise though its cost is above that limit, as with three
+        periods: the usual level of a test.
     copies_most : int
         Copies of one linear effect that may be named together, beside those of the given model. A delay that
         the catalogue lacked was called a missing mode after three of them.
@@ -222,6 +225,7 @@ class DecisionSettings:
     p_least: float = 1e-4
     p_left: float = 1e-3
     adequate: float = 1.15
+    p_adequate: float = 0.05
     copies_most: int = 2
     p_copies: float = 0.01
     null_gain: float = 25.0
