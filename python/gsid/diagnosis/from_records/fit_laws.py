@@ -16,6 +16,7 @@ from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.result import FITS
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
+from gsid.diagnosis.from_records.spring_in_place import spring_in_place_of
 from gsid.diagnosis.from_records.stop_edges import shifted_stop
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.from_records.working_point import (
@@ -109,6 +110,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
     if run.laws:
         _add_bias(run, fits)
         _finish_best(run, fits)
+        _try_spring(run, fits)
         _try_larger(run, fits)
         _fit_null_again(run, fits)
     is_noise = run.null.noise_p_value >= run.alpha
@@ -255,6 +257,21 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
     except (*CANNOT_FIT, OutOfTime):
         return
     _try_in_place(run, fits, start, STOP, best)
+
+
+def _try_spring(run: Run, fits: Simulations) -> None:
+    """A spring in place of the best law, if that contains one and the spring's own fit is not as good."""
+    best = run.final
+    if best is None or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
+        return
+    evidence = run.evidence()
+    known = [one for one in run.laws if one.effects == (SPRING,)]
+    if SPRING in run.excluded or any(not evidence.is_worse(one, best) for one in known):
+        return
+    # With work of its own: the law may have used up that of the round.
+    fits = replace(fits, deadline=run.deadline.bounded(run.settings.moves_of_fit))
+    _try_in_place(run, fits, spring_in_place_of(best), SPRING, best)
+    run.decide()
 
 
 def _try_in_place(run: Run, fits: Simulations, model: PlantModel | None, law: str, best: Simulated) -> None:
