@@ -279,6 +279,18 @@ def test_the_best_other_law_is_fitted_beside_a_new_structure(monkeypatch, laws, 
     assert taken == ([("a rival", "gear_backlash")] if tried else [])
 
 
+def test_without_time_for_a_draft_the_play_stays_without_a_rival(monkeypatch):
+    def too_late(*_, **__):
+        raise OutOfTime("")
+
+    monkeypatch.setattr(other_structure, "draft", too_late)
+    run = SimpleNamespace(
+        band=None, excluded=(), settings=DEFAULTS, judged=[], deadline=None, on_step=None, laws=["play"]
+    )
+    other_structure.add_rival(run, None, None, None)
+    assert run.laws == ["play"]
+
+
 @pytest.mark.parametrize("fitted", [None, "a fit"])
 def test_play_that_was_fitted_is_one_of_the_laws(monkeypatch, fitted):
     monkeypatch.setattr(fit_laws, "may_have_play", lambda _: True)

@@ -320,6 +320,16 @@ def test_bug_a_hysteresis_was_named_where_a_damping_is_missing(std, n_doubts):
     assert all("do not determine bouc_wen.unloading (1.2e+03 +- " in one for one in found)
 
 
+@pytest.mark.parametrize(("std", "n_doubts"), [(0.2, 1), (0.1, 0)])
+def test_a_strength_that_may_be_zero_is_a_doubt(std, n_doubts):
+    values = {"stiffness": (0.134, std), "unloading": (1230.0, 10.0), "loading": (-0.18, 0.01)}
+    assert find("bouc_wen")["stiffness"].lower == 0
+    law = Effect("bouc_wen", {name: Param(x, free=True, std=s) for name, (x, s) in values.items()})
+    found = doubts(fit([10] * 8, [10] * 8), fit([0] * 8, [0] * 8, modes=[law]), law.id, DEFAULTS)
+    assert len(found) == n_doubts
+    assert all("bouc_wen.stiffness" in one for one in found)
+
+
 def test_a_law_of_two_parameters_may_have_an_undetermined_one():
     """An unbalance over small angles has its level or its angle."""
     values = {"level": (379.0, 600.0), "angle_deg": (118.0, 170.0)}
