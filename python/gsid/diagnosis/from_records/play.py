@@ -13,7 +13,7 @@ import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.joint_bias import NOISE_LEFT
+from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.joint_start import joint_start
 from gsid.diagnosis.missing_torque.linear_fit import ModeScan
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
@@ -31,7 +31,6 @@ ALONE = 10  # iterations of the fit of one record, and of it with each further o
 WALLS = 3  # restarts from one record
 FORGIVEN = 0.5  # share of the cost without play: a fit that leaves more is not restarted
 SAME = 10.0  # fall of the cost by which a restart has to be better
-NOISE = 0.05  # p-value of noise at which a fit needs no restart
 DOUBTFUL = 2.0  # kept-out cost, linearised, over that of the fit, from which it is repeated by refits
 MOST = 0.5  # share of what is left that a hidden mode has to explain
 
@@ -220,4 +219,5 @@ def left_by_refits(fit: PlantFit, band: tuple[float, float] | None, deadline: De
 
 def _leaves_noise(fit: PlantFit) -> bool:
     """Whether a fit needs no restart."""
-    return fit.noise_p_value > NOISE or (fit.converged and fit.cost_per_dof <= NOISE_LEFT)
+    is_small = fit.converged and fit.cost_per_dof <= DecisionSettings.adequate
+    return is_small or fit.noise_p_value >= DecisionSettings.p_adequate

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsid.diagnosis.joint_bias import NOISE_LEFT
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as OF_SEARCH
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 
@@ -224,7 +225,7 @@ class DecisionSettings:
     hopeless: float = 0.25
     p_least: float = 1e-4
     p_left: float = 1e-3
-    adequate: float = 1.15
+    adequate: float = NOISE_LEFT
     p_adequate: float = 0.05
     copies_most: int = 2
     p_copies: float = 0.01
