@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from scipy import special
 
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.evidence import Evidence, contains, is_simpler_of_angle, may_be_noise
@@ -16,8 +17,11 @@ N_DOF = 2000  # two standard deviations of the mean cost are 0.063
 LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
 
 
-def fit(effect, per_dof, kept=None, records=4, periods=8, p_value=0.0, **changes):
-    """A fit by simulation with this cost per degree of freedom, and this p-value of what it leaves."""
+def fit(effect, per_dof, kept=None, records=4, periods=8, p_value=None, **changes):
+    """A fit by simulation with this cost per degree of freedom.
+
+    The p-value of what it leaves is that of a normal distribution, if it is not given.
+    """
     spectra = SimpleNamespace(spectra=SimpleNamespace(n_periods=periods))
     undetermined = changes.pop("undetermined", [])
     of_plant = SimpleNamespace(
@@ -25,13 +29,13 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, p_value=0.0, **changes
         cost_per_dof=per_dof,
         n_dof=N_DOF,
         undetermined=undetermined,
-        misfit=max((per_dof - 1) * N_DOF - 3 * (2 * N_DOF) ** 0.5, 0.0),
         records=[spectra] * records,
         model=SimpleNamespace(labels=lambda: [(effect, SimpleNamespace(id=effect))]),
     )
     facts = {"converged": True, "scatter": 0.01, "scatter_error": 0.001} | changes
     one = Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
-    one.__dict__["noise_p_value"] = p_value
+    chance = special.ndtr((1 - per_dof) * (N_DOF / 2) ** 0.5)
+    one.__dict__["noise_p_value"] = chance if p_value is None else p_value
     return one
 
 
@@ -396,6 +400,17 @@ def test_bug_a_share_of_a_small_misfit_kept_a_lag_from_its_name(
     found = decision(fit(effect, cost), null=1.2, all_linear=all_linear)
     assert found.verdict == verdict
     assert found.unexplained_share == pytest.approx(unexplained, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "verdict"),
+    [(0.0014, "missing_effect"), (0.0013, "nearest_effect"), (0.0213, "missing_effect")],
+)
+def test_bug_a_complete_model_of_four_periods_explained_72_percent(p_value, verdict):
+    """Three standard deviations of its cost were those of better known variances: the p-value was 0.02
+    (5327, damping 21)."""
+    found = decision(fit("viscous_friction", 1.079, kept=1.085, p_value=p_value), null=1.13)
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(

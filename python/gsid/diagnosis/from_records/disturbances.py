@@ -1,10 +1,13 @@
-"""Periodic disturbances between the lines, such as a fan: they are subtracted before the search for a law."""
+"""Drifts and periodic disturbances, such as a fan: they are subtracted before the search for a law."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from gsid.diagnosis.from_records.ringing_lines import resonances
 from gsid.diagnosis.from_records.run import Run
 from gsid.spectrum.disturbances import find_disturbances, without_disturbances, without_lines_beside
+from gsid.spectrum.drift import find_drift, without_drift
 from gsid.spectrum.spectra import Spectra
 from gsid.spectrum.tones import Tone
 
@@ -13,10 +16,10 @@ NEAR = 0.35  # distance from a resonance over its frequency: that of a given mod
 
 
 def subtract_disturbances(run: Run) -> None:
-    """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
+    """Subtract drifts, and the sines between the lines.
 
-    A fan runs in all records, though it may not show between the lines of each: the lines beside what two of
-    them show are left out in all.
+    Not near a sharp resonance, where noise rings like a sine. A fan runs in all records, though it may not
+    show between the lines of each: the lines beside what two of them show are left out in all.
 
     Parameters
     ----------
@@ -25,6 +28,7 @@ def subtract_disturbances(run: Run) -> None:
     """
     if run.loop is not None or run.in_closed_loop or run.stack.has_controller:
         return
+    _subtract_drifts(run)
     found = [[tone for tone in find_disturbances(one) if not _rings(run, one, tone)] for one in run.measured]
     if not any(found):
         return
@@ -39,6 +43,22 @@ def subtract_disturbances(run: Run) -> None:
     )
     run.known_fits = {}
     run.notes.append(_note([tone for tones in found for tone in tones], run.measured[0]))
+
+
+def _subtract_drifts(run: Run) -> None:
+    """Subtract what the output drifts by from its first to its last sample."""
+    drifts = [find_drift(one) for one in run.measured]
+    if not any(drifts):
+        return
+    run.measured, run.judged = (
+        [without_drift(one, drift) if drift else one for one, drift in zip(records, drifts, strict=True)]
+        for records in (run.measured, run.judged)
+    )
+    run.known_fits = {}
+    largest, one = max(zip(drifts, run.measured, strict=True), key=lambda each: abs(each[0]))
+    each_s = f"{largest * one.f_hz[1]:.2g} {one.y_unit}".rstrip()
+    some = f"in {np.count_nonzero(drifts)} of {len(drifts)} records, " if len(drifts) > 1 else ""
+    run.notes.append(f"The output drifts ({some}by up to {each_s} a second); the drift is subtracted.")
 
 
 def _is_shared(tone: Tone, found: list[list[Tone]], width_hz: float) -> bool:

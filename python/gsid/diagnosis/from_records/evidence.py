@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from scipy import special
+
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.doubts import doubts
 from gsid.diagnosis.from_records.draft import is_linear
@@ -249,7 +251,8 @@ class Evidence:
         ----------
         one : Simulated
         """
-        return self.is_among_linear(one) and self.is_adequate(one) and one.fit.misfit == 0
+        is_chance = one.noise_p_value >= special.ndtr(-self.settings.significant)
+        return self.is_among_linear(one) and self.is_adequate(one) and bool(is_chance)
 
     def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
         """Whether the odds of a fit against another, with a price for each parameter, exclude it (DIA-12).
