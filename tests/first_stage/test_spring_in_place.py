@@ -52,6 +52,29 @@ def test_there_is_none_for_a_law_without_a_spring_or_beside_one():
     assert spring_in_place_of(judged_fit(sprung, "motor_cogging")) is None
 
 
+def with_mode(residue, *parts):
+    mode = {"flexible_mode": {"f_hz": 7.3, "zeta": 0.02, "residue": residue}}
+    return SimpleNamespace(
+        effects=("flexible_mode",), label="flexible_mode", model=model(BODY, *parts, mode, output="angle")
+    )
+
+
+def test_bug_a_mode_took_the_place_of_the_sprung_body():
+    """The first fit of the spring left 1.98 times the power of noise, and had no other (5329, spring 2)."""
+    found = spring_in_place_of(with_mode(3.5, VISCOUS)).stack()
+    w = 2 * np.pi * 7.3
+    assert found["rigid_body"]["gain"] == pytest.approx(3.5 * BODY["rigid_body"]["gain"])
+    assert found["viscous_friction"]["rate"] == pytest.approx(2 * 0.02 * w)
+    assert found["cable_spring"]["stiffness"] == pytest.approx(w**2)
+    assert "flexible_mode" not in found
+
+
+def test_the_sprung_body_has_no_element_beside_the_spring_that_the_model_lacks():
+    assert set(spring_in_place_of(with_mode(3.5)).stack()) == {"rigid_body", "cable_spring"}
+    assert spring_in_place_of(with_mode(-0.5, VISCOUS)) is None
+    assert spring_in_place_of(with_mode(3.5, VISCOUS, SPRING)) is None
+
+
 def test_a_torque_that_falls_with_the_angle_is_no_spring():
     sprung = judged_fit(FREE.with_effect("motor_cogging", COGGING), "motor_cogging")
     sprung.model["motor_cogging.phase_rad"].value = np.pi

@@ -260,7 +260,7 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
 
 
 def _try_spring(run: Run, fits: Simulations) -> None:
-    """A spring in place of the best law, if that contains one and the spring's own fit is not as good."""
+    """A spring in place of the best law or mode, if the spring's own fit is not as good."""
     best = run.final
     if best is None or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
         return
