@@ -214,12 +214,31 @@ static int is_settled(const shooting *s, gsid_real change) {
     return 1;
 }
 
+/* A direction that returns to where it began but for rounding is undetermined, as the angle of an axis behind a spring too weak
+ * to turn it back: else rounding, over nearly nothing, would be its mean. */
+static void hold_undetermined(shooting *s) {
+    const gsid_plant_layout *l = s->l;
+    const gsid_real *dy = &l->shooting.largest_dy[s->first_shoot];
+    for (uint32_t j = 0; j < l->shooting.n; j++) {
+        const uint32_t column = s->first_shoot + j;
+        gsid_real moved = 0;
+        for (uint32_t i = 0; i < l->shooting.n; i++) {
+            moved += dy[i] * gsid_fabs((i == j ? GSID_R(1.0) : GSID_R(0.0)) - end(s, i, column));
+        }
+        const int is_rounding = dy[j] > 0 && moved <= GSID_EPSILON * dy[j];
+        for (uint32_t i = 0; i < l->shooting.n && is_rounding; i++) {
+            state(s, i)[column] += (i == j ? GSID_R(1.0) : GSID_R(0.0)) - end(s, i, column);
+        }
+    }
+}
+
 /* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
  * direction with eigenvalue 1 is undetermined and stays as it is. After a failure only a part of the columns is corrected.
  * The last correction stays in l->shooting.correction. */
 static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     const uint32_t n = l->shooting.n;
+    hold_undetermined(s);
     gsid_lsq q;
     gsid_status status = gsid_lsq_init(&q, n, l->shooting.lsq_mem, GSID_LSQ_MEM_SIZE(l->shooting.n_max));
     for (uint32_t c = s->first_shoot; c > 0 && status >= 0; c--) {

@@ -257,6 +257,24 @@ def test_a_held_command_against_the_partial_fractions_of_the_rational_model():
     np.testing.assert_allclose(model.predict(s).Y[lines], expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("stiffness", [0.0, 1e-33, 1e-20, 1e-14, 1e-6])
+def test_bug_a_spring_too_weak_to_turn_the_axis_back_gave_it_a_mean_angle_of_1e15(stiffness):
+    """A fit that a spring of 1e-33 began with cost 2e14: rounding of the mean torque over nearly nothing
+    (seed 5330, missing damping 9). A held free body with damping, by its partial fractions."""
+    u = multisine().table()
+    parts = {"rigid_body": {"gain": 9.0}, "viscous_friction": {"rate": 0.02}}
+    model = plant(parts | {"cable_spring": {"stiffness": stiffness}}, output="angle")
+    s = measured(u, np.zeros(N), "zoh")
+    lines = np.flatnonzero(s.excited)
+    z = np.exp(2j * np.pi * s.line[lines] / N)
+    hold, decay = 1 / FS_HZ, np.exp(-0.02 / FS_HZ)
+    # 1/(s (s + d)) = (1/s - 1/(s + d)) / d, each behind a hold.
+    expected = 9.0 / 0.02 * (hold / (z - 1) - (1 - decay) / 0.02 / (z - decay)) * s.u[lines]
+    # The spring moves the lowest line by its stiffness over w^2; the two fractions cancel to 2e-8.
+    tolerance = 1e-7 + 2 * stiffness / (2 * np.pi * s.f_hz[lines][0]) ** 2
+    np.testing.assert_allclose(model.predict(s).Y[lines], expected, rtol=tolerance)
+
+
 def test_an_input_that_is_not_held_is_answered_by_the_continuous_response():
     """Its images fold back from 4 times the sample rate less f: below 1e-6 at 250 Hz of 3 kHz (PLT-3)."""
     u = multisine().table()
