@@ -3,16 +3,21 @@
 Damping, lags and modes may exchange their places in equal models, so that their values move far. A delay has
 no such counterpart but the hold, which is less than a sample: where it has moved far, delay and effect may
 imitate another one together. So may a mode in the place of the sprung body, which leaves a body whose gain
-the data do not determine.
+the data do not determine. The gain over a damping may still be determined: its corner is above the band.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.linear_fit import basis
+from gsid.effects.ids import BODY, DAMPING
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
 
@@ -29,12 +34,14 @@ def check_far_values(rounds: Rounds) -> None:
     linear = [one for one in rounds.kept if is_linear(one.decision.effects[0])]
     if not linear or final is None or given is None:
         return
-    reason = far_value(final.model, given, rounds.settings)
+    reason = far_value(final.model, given, rounds.settings, has_high_corner=_has_high_corner(final, given))
     if reason:
         rounds.demote(linear, reason, final)
 
 
-def far_value(fitted: PlantModel, given: PlantModel, settings: DecisionSettings) -> str | None:
+def far_value(
+    fitted: PlantModel, given: PlantModel, settings: DecisionSettings, *, has_high_corner: bool = False
+) -> str | None:
     """Which delay of a fit is far from the given one, or which gain is not determined, in a sentence.
 
     Parameters
@@ -42,6 +49,8 @@ def far_value(fitted: PlantModel, given: PlantModel, settings: DecisionSettings)
     fitted, given : PlantModel
         The first has all effects of the second.
     settings : DecisionSettings
+    has_high_corner : bool
+        Whether the data determine the gain of the body over a damping, if not the gain alone.
 
     Returns
     -------
@@ -55,9 +64,23 @@ def far_value(fitted: PlantModel, given: PlantModel, settings: DecisionSettings)
             is_beyond_hold = abs(value.value - known.value) * given.fs_hz > 1
             if form == "delay" and is_beyond_hold and _is_far(value, known.value, settings):
                 return f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, and {in_given}"
-            if form == "gain" and _is_undetermined(value):
+            if form == "gain" and _is_undetermined(value) and not has_high_corner:
                 return f"Beside it the data do not determine {label}.{name}, which is {in_given}"
     return None
+
+
+def _has_high_corner(final: Simulated, given: PlantModel) -> bool:
+    """Whether the data determine the gain over a missing damping, to within a factor of e."""
+    names, pair = final.model.free_names, (f"{BODY}.gain", f"{DAMPING}.rate")
+    if DAMPING in given.stack() or not set(pair) <= set(names):
+        return False
+    gain, rate = (names.index(name) for name in pair)
+    jacobian, values = final.fit.jacobian, final.model.free_values
+    by_ratio = values[gain] * jacobian[:, gain]
+    by_both = by_ratio + values[rate] * jacobian[:, rate]
+    others = basis(np.column_stack([np.delete(jacobian, [gain, rate], axis=1), by_both]))
+    own = by_ratio - others @ (others.T @ by_ratio)
+    return float(own @ own) > 1  # one over the variance of its logarithm
 
 
 def _is_far(found: Param, known: float, settings: DecisionSettings) -> bool:
