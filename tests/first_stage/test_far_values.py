@@ -1,12 +1,15 @@
 """A linear effect is not named beside a delay that is far from the given one, or a body without a gain."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import gsid
-from gsid.diagnosis.from_records.far_values import check_far_values, far_value
+from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records import far_values
+from gsid.diagnosis.from_records.far_values import check_far_values, far_delay, undetermined_gain
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
@@ -35,7 +38,9 @@ def model(delay_s, std=None, fs_hz=FS_HZ):
     ],
 )
 def test_a_delay_that_is_far_from_the_given_one(delay_s, std, is_far):
-    assert (far_value(model(delay_s, std), model(GIVEN_S), DEFAULTS) is not None) == is_far
+    found = far_delay(model(delay_s, std), model(GIVEN_S), DEFAULTS)
+    assert (found is not None) == is_far
+    assert found is None or found.nearest == pytest.approx(3e-3)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +49,7 @@ def test_a_delay_that_is_far_from_the_given_one(delay_s, std, is_far):
 def test_a_gain_that_is_not_determined(std, is_undetermined):
     body = [Effect("rigid_body", {"gain": Param(100.0, True, std)})]
     given = gsid.PlantModel(FS_HZ, [Effect("rigid_body", {"gain": Param(80.0)})], "rate")
-    found = far_value(gsid.PlantModel(FS_HZ, body, "rate"), given, DEFAULTS)
+    found = undetermined_gain(gsid.PlantModel(FS_HZ, body, "rate"), given)
     assert (found is not None) == is_undetermined
     assert found is None or ("do not determine rigid_body.gain" in found and "nan" not in found)
 
@@ -74,11 +79,13 @@ def test_bug_a_damping_above_the_band_was_only_nearest(rate, in_given, verdict):
 
 def test_a_model_without_a_delay_has_none_that_is_far():
     given = gsid.PlantModel(FS_HZ, [Effect("rigid_body", {"gain": Param(100.0)})], "rate")
-    assert far_value(given, given, DEFAULTS) is None
+    assert far_delay(given, given, DEFAULTS) is None
+    assert undetermined_gain(given, given) is None
 
 
 @pytest.mark.parametrize(("effect", "verdict"), [("flexible_mode", NEAREST), ("coulomb_friction", MISSING)])
-def test_only_a_linear_effect_is_in_doubt(effect, verdict):
+def test_only_a_linear_effect_is_in_doubt(monkeypatch, effect, verdict):
+    monkeypatch.setattr(far_values, "_is_refuted", lambda *_: True)
     final = SimpleNamespace(model=model(5e-3, 1e-5), effects=(effect,))
     first = SimpleNamespace(
         decision=Decision(MISSING, (effect,), (), None),
@@ -90,6 +97,26 @@ def test_only_a_linear_effect_is_in_doubt(effect, verdict):
     check_far_values(rounds)
     assert first.decision.verdict == verdict
     assert (rounds.near == [first]) == (verdict == NEAREST)
+
+
+@pytest.mark.parametrize(("cost", "verdict"), [(1008.9, MISSING), (1009.1, NEAREST), (None, NEAREST)])
+def test_bug_a_spring_was_nearest_beside_a_delay_that_a_mode_makes_up_for(cost, verdict):
+    """The delay was 5 of its standard deviations from three times the given one, and the fit with that costs
+    9 more at most (seed 5330, spring 13). The third fit cannot be made."""
+    tried = []
+
+    def fit(self, model, effects):
+        tried.append((model["transport_delay.delay_s"].value, model["transport_delay.delay_s"].free, effects))
+        return None if cost is None else SimpleNamespace(cost=cost)
+
+    fits = dataclass(type("Fits", (), {"fit": fit, "__annotations__": {"deadline": object}}))
+    first = SimpleNamespace(decision=Decision(MISSING, ("cable_spring",), (), None), settings=DEFAULTS)
+    first.given, first.deadline = model(GIVEN_S), Deadline()
+    first.final = SimpleNamespace(model=model(5e-3, 1e-5), effects=("cable_spring",), cost=1000.0)
+    first.simulations = lambda: fits(None)
+    check_far_values(Rounds(first))
+    assert first.decision.verdict == verdict
+    assert tried == [(pytest.approx(3e-3), False, ("cable_spring",))]
 
 
 @pytest.mark.long

@@ -8,7 +8,10 @@ the data do not determine. The gain over a damping may still be determined: its 
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,39 +37,89 @@ def check_far_values(rounds: Rounds) -> None:
     linear = [one for one in rounds.kept if is_linear(one.decision.effects[0])]
     if not linear or final is None or given is None:
         return
-    reason = far_value(final.model, given, rounds.settings, has_high_corner=_has_high_corner(final, given))
+    reason = undetermined_gain(final.model, given) if not _has_high_corner(final, given) else None
+    far = far_delay(final.model, given, rounds.settings)
+    if far and _is_refuted(rounds, final, far):
+        reason = far.sentence
     if reason:
         rounds.demote(linear, reason, final)
 
 
-def far_value(
-    fitted: PlantModel, given: PlantModel, settings: DecisionSettings, *, has_high_corner: bool = False
-) -> str | None:
-    """Which delay of a fit is far from the given one, or which gain is not determined, in a sentence.
+@dataclass(frozen=True)
+class FarDelay:
+    """A delay that is far from the given one.
+
+    Attributes
+    ----------
+    parameter : str
+    nearest : float
+        The nearest value that is not far [s].
+    sentence : str
+    """
+
+    parameter: str
+    nearest: float
+    sentence: str
+
+
+def far_delay(fitted: PlantModel, given: PlantModel, settings: DecisionSettings) -> FarDelay | None:
+    """Find a delay that is more than a factor from the given one, beyond its uncertainty and a sample.
 
     Parameters
     ----------
     fitted, given : PlantModel
         The first has all effects of the second.
     settings : DecisionSettings
-    has_high_corner : bool
-        Whether the data determine the gain of the body over a damping, if not the gain alone.
-
-    Returns
-    -------
-    str or None
     """
+    for parameter, known, found in _values(fitted, given, "delay"):
+        if not known or not found.free or found.std is None or not math.isfinite(found.std):
+            continue
+        nearest = min(max(found.value, known / settings.strayed), known * settings.strayed)
+        is_beyond_hold = abs(found.value - known) * given.fs_hz > 1
+        if is_beyond_hold and abs(found.value - nearest) > settings.significant * found.std:
+            is_now = f"{parameter} is {found.value:.3g} +- {found.std:.1g}"
+            return FarDelay(parameter, nearest, f"Beside it {is_now}, and {_in_given(known)}")
+    return None
+
+
+def undetermined_gain(fitted: PlantModel, given: PlantModel) -> str | None:
+    """Which gain of a body is smaller than its standard deviation, in a sentence.
+
+    Parameters
+    ----------
+    fitted, given : PlantModel
+        As `far_delay`.
+    """
+    for parameter, known, found in _values(fitted, given, "gain"):
+        if found.free and found.std is not None and not found.std < abs(found.value):
+            return f"Beside it the data do not determine {parameter}, which is {_in_given(known)}"
+    return None
+
+
+def _values(fitted: PlantModel, given: PlantModel, form: str) -> Iterator[tuple[str, float, Param]]:
+    """Name, given value and fitted parameter of each effect of a form."""
     found = dict(fitted.labels())
     for label, effect in given.labels():
-        for name, known in effect.params.items():
-            value, form = found[label].params[name], effect.type.linear_part
-            in_given = f"{known.value:.3g} in the given model: together they may stand for another effect."
-            is_beyond_hold = abs(value.value - known.value) * given.fs_hz > 1
-            if form == "delay" and is_beyond_hold and _is_far(value, known.value, settings):
-                return f"Beside it {label}.{name} is {value.value:.3g} +- {value.std:.1g}, and {in_given}"
-            if form == "gain" and _is_undetermined(value) and not has_high_corner:
-                return f"Beside it the data do not determine {label}.{name}, which is {in_given}"
-    return None
+        if effect.type.linear_part == form:
+            for name, known in effect.params.items():
+                yield f"{label}.{name}", known.value, found[label].params[name]
+
+
+def _in_given(value: float) -> str:
+    return f"{value:.3g} in the given model: together they may stand for another effect."
+
+
+def _is_refuted(rounds: Rounds, final: Simulated, far: FarDelay) -> bool:
+    """Whether the fit with the nearest delay that is not far costs significantly more.
+
+    A standard deviation is that of small changes: a mode that the data hardly determine may make up for a
+    large one.
+    """
+    run, model = rounds.first, copy.deepcopy(final.model)
+    model[far.parameter].value, model[far.parameter].free = far.nearest, False
+    fits = replace(run.simulations(), deadline=run.deadline.bounded(run.settings.moves_of_fit))
+    fitted = fits.fit(model, final.effects)
+    return fitted is None or fitted.cost - final.cost > run.settings.significant**2
 
 
 def _has_high_corner(final: Simulated, given: PlantModel) -> bool:
@@ -81,15 +134,3 @@ def _has_high_corner(final: Simulated, given: PlantModel) -> bool:
     others = basis(np.column_stack([np.delete(jacobian, [gain, rate], axis=1), by_both]))
     own = by_ratio - others @ (others.T @ by_ratio)
     return float(own @ own) > 1  # one over the variance of its logarithm
-
-
-def _is_far(found: Param, known: float, settings: DecisionSettings) -> bool:
-    """Whether a value is more than a factor from the given one, beyond its uncertainty."""
-    if not known or not found.free or found.std is None or not math.isfinite(found.std):
-        return False
-    nearest = min(max(found.value, known / settings.strayed), known * settings.strayed)
-    return abs(found.value - nearest) > settings.significant * found.std
-
-
-def _is_undetermined(found: Param) -> bool:
-    return found.free and found.std is not None and not found.std < abs(found.value)
