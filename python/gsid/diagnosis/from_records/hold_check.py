@@ -8,6 +8,7 @@ are those of the likelier one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from gsid.diagnosis.from_records.evidence import n_parameters
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.simulation_error import simulation_error
 from gsid.diagnosis.from_records.verdict import UNKNOWN
 from gsid.greybox.fit import as_assumed
 from gsid.greybox.linear_start import linear_start
@@ -58,13 +60,12 @@ def check_hold(rounds: Rounds) -> None:
         if whole is None or part is None:
             unchecked.append(one)
         elif part.cost - whole.cost < _price([one]):
-            smaller = _fit(run, without(final.model, _names([one])), run.hold)
-            if smaller is None:
-                unchecked.append(one)
-                continue
             run.notes.append(_note([one], other_hold))
-            rounds.drop([one], smaller)
-            final, whole = smaller, _fit(run, smaller.model, other_hold)
+            _read_all(rounds, other_hold)
+            rounds.drop([one], part)
+            _fit_nulls(rounds, part)
+            final, other_hold = part, other_reading(other_hold)
+            whole = _fit(run, final.model, other_hold)
     as_assumed(final.fit, whole.fit if whole else None)
     if unchecked:
         reason = f"Whether it is missing if the input is {MEANING[other_hold]} cannot be fitted: {DECLARE}."
@@ -157,11 +158,13 @@ def _read(run: Run, hold: str) -> list[Spectra]:
 def _is_refuted(run: Run, other: Simulated | None, final: Simulated) -> bool:
     """Whether the same model leaves much more under the other assumption, and only noise under this one.
 
-    Nothing is missing beside a hold that does not describe the records: an effect cannot lower its cost.
+    Nothing is missing beside a hold that does not describe the records: an effect cannot lower its cost. The
+    odds are those between linear effects, beside what the best of several fits gains by chance.
     """
     if other is None or not run.evidence().is_adequate(final):
         return False
-    return other.cost - final.cost >= run.settings.named_lead
+    least = 2 * math.log(run.settings.linear_odds) + run.settings.chance
+    return other.cost - simulation_error(other.fit) - final.cost >= least
 
 
 def _names(rounds: Sequence[Run]) -> list[str]:
