@@ -27,7 +27,7 @@ from gsid.diagnosis.from_records import run as of_run
 from gsid.diagnosis.from_records.play_structures import structures_for_play
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.short_list import _clearly_likelier, _worth_a_fit
+from gsid.diagnosis.from_records.short_list import _clearly_likelier, _simplest_of_rivals, _worth_a_fit
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.missing_torque import free_functions, linear_fit, ranking, refit, stage
 from gsid.diagnosis.missing_torque.law_columns import Law
@@ -528,3 +528,22 @@ def test_bug_a_stop_that_one_realisation_touches_was_not_fitted(drop, cost, list
     rounding = SimpleNamespace(effects=("drive_quantization",), drop=500.0, cost_per_dof=1.17)
     stop = SimpleNamespace(effects=("hard_stop",), drop=drop, cost_per_dof=cost)
     assert _clearly_likelier([rounding, stop], [rounding], DEFAULTS) == ([stop] if listed else [])
+
+
+@pytest.mark.parametrize(
+    ("winner", "drop", "listed"),
+    [
+        ("viscous_friction", 401.0, True),
+        ("viscous_friction", 399.0, False),  # its fit cannot be as good
+        ("viscous_friction", np.nan, False),  # only scanned
+        ("quadratic_drag", 450.0, False),  # a law: its rivals are other laws
+    ],
+)
+def test_bug_a_hysteresis_alone_kept_a_damping_from_its_name(winner, drop, listed):
+    """Bouc-Wen friction fitted as well, and the dry friction that it becomes was not fitted (5330, damping
+    91)."""
+    of = {winner: 500.0, "bouc_wen": 502.0, "coulomb_friction": drop, "motor_lag": 450.0}
+    best, hysteresis, dry, lag = (SimpleNamespace(effects=(name,), drop=x) for name, x in of.items())
+    ranked, chosen = [best, hysteresis, dry, lag], [best, hysteresis, lag]
+    assert _simplest_of_rivals(ranked, best, chosen, DEFAULTS) == ([dry] if listed else [])
+    assert _simplest_of_rivals(ranked, best, [*chosen, dry], DEFAULTS) == []

@@ -57,6 +57,7 @@ def short_list(
     chosen = [winner, *rivals, *members]
     chosen += [one for one in fitted if one not in chosen and _is_close(one, winner, settings)]
     chosen += _clearly_likelier(draft.stage.ranking, chosen, settings)
+    chosen += _simplest_of_rivals(draft.stage.ranking, winner, chosen, settings)
     listed = [Candidate(one.effects[0], started(draft, one, pruned)) for one in chosen]
     simpler = find(winner.effects[0]).simpler
     if simpler and simpler not in [*left_out, *(one.effect for one in listed)]:
@@ -121,6 +122,25 @@ def _clearly_likelier(
         return []
     lead = best.drop - max(one.drop for one in chosen)
     return [best] if lead > settings.worse * max(best.cost_per_dof, 1.0) else []
+
+
+def _simplest_of_rivals(
+    ranking: Sequence[Ranked], winner: Ranked, chosen: Sequence[Ranked], settings: DecisionSettings
+) -> list[Ranked]:
+    """What rivals of a linear effect become at the end of their shapes, if that may be as good as the winner.
+
+    A damping and a dry friction of one parameter are a group; a hysteresis alone would keep it from its name.
+    """
+    if not is_linear(winner.effects[0]):
+        return []
+    ends = {_simplest(one.effects[0]) for one in chosen if not is_linear(one.effects[0])}
+    near = [one for one in ranking if one.drop > winner.drop - settings.named_lead]
+    return [one for one in near if one.effects[0] in ends and one not in chosen]
+
+
+def _simplest(effect: str) -> str:
+    simpler = find(effect).simpler
+    return _simplest(simpler) if simpler else effect
 
 
 def _family(one: Ranked) -> str:
