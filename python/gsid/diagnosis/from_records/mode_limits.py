@@ -9,6 +9,8 @@ from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.structure.settings import StructureSettings
 
+LARGEST = 100.0  # residue over the given one, or over the body: a gain that is not determined scales it too
+
 Limits = tuple[float, float]
 
 
@@ -16,8 +18,8 @@ def with_mode_limits(model: PlantModel) -> PlantModel:
     """A model whose modes stay resonances near their frequency.
 
     Without such limits the mode of a model takes the place of a spring, a damping, a lag or a delay that is
-    missing: at a low frequency it is the sprung body, with a large damping nearly any of them. Limits that
-    the model itself has stay.
+    missing: at a low frequency it is the sprung body, with a large damping nearly any of them, and two that
+    cancel each other imitate a damping. Limits that the model itself has stay.
 
     Parameters
     ----------
@@ -50,10 +52,12 @@ def with_limits_of(model: PlantModel | None, given: PlantModel) -> PlantModel | 
 
 
 def _limited(mode: Effect) -> Effect:
-    f_hz, zeta = (mode.params[name].value for name in ("f_hz", "zeta"))
+    f_hz, zeta, residue = (mode.params[name].value for name in ("f_hz", "zeta", "residue"))
+    most = LARGEST * max(abs(residue), 1.0)
     limits = {
         "f_hz": (f_hz / FARTHEST, f_hz * FARTHEST),
         "zeta": (mode.type["zeta"].lower, max(StructureSettings().zeta_max, zeta * FARTHEST)),
+        "residue": (-most, most),
     }
     params = {name: _with_limits(param, limits.get(name)) for name, param in mode.params.items()}
     return replace(mode, params=params)
