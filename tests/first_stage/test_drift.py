@@ -111,3 +111,18 @@ def test_a_diagnosis_subtracts_it_from_what_is_measured_and_judged_and_states_it
     assert note.startswith("The output drifts (in 1 of 2 records, by up to -0.")
     per_second = float(note.split("up to ")[1].split()[0])
     assert per_second == pytest.approx(-0.2, abs=0.05)  # a period has 2 s
+
+
+def test_bug_the_leakage_of_a_fan_was_a_drift():
+    """The rig of the tutorial has a fan and no drift; one was subtracted, before the fan."""
+    rng = np.random.default_rng(23)
+    n = 4 * N
+    u = np.tile(rng.standard_normal(N), 4)
+    fan = 5.0 * np.sin(2 * np.pi * 3.3 * np.arange(n) / FS_HZ + 1.5)
+    one = gsid.spectra(gsid.Record(u, 0.5 * u + rng.standard_normal(n) + fan, FS_HZ, N, 0, hold="zoh"))
+    run = SimpleNamespace(loop=None, in_closed_loop=False, stack=model(BODY, VISCOUS), notes=[])
+    run.measured, run.judged, run.known_fits = [one], [one], {}
+    subtract_disturbances(run)
+    (note,) = run.notes
+    assert note.startswith("A periodic disturbance of 3.3 Hz")
+    assert find_drift(one) < -1  # beside the fan

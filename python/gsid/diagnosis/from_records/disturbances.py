@@ -16,10 +16,7 @@ NEAR = 0.35  # distance from a resonance over its frequency: that of a given mod
 
 
 def subtract_disturbances(run: Run) -> None:
-    """Subtract drifts, and the sines between the lines.
-
-    Not near a sharp resonance, where noise rings like a sine. A fan runs in all records, though it may not
-    show between the lines of each: the lines beside what two of them show are left out in all.
+    """Subtract the sines between the lines, then drifts, whose bins the sines leak into.
 
     Parameters
     ----------
@@ -28,7 +25,16 @@ def subtract_disturbances(run: Run) -> None:
     """
     if run.loop is not None or run.in_closed_loop or run.stack.has_controller:
         return
+    _subtract_sines(run)
     _subtract_drifts(run)
+
+
+def _subtract_sines(run: Run) -> None:
+    """Subtract the sines between the lines, except near a sharp resonance, where noise rings like one.
+
+    A fan runs in all records, though it may not show between the lines of each: the lines beside what two of
+    them show are left out in all.
+    """
     found = [[tone for tone in find_disturbances(one) if not _rings(run, one, tone)] for one in run.measured]
     if not any(found):
         return
