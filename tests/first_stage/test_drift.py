@@ -69,6 +69,26 @@ def test_noise_without_a_drift_shows_none():
     assert sum(find_drift(record(rng, 4)[0]) != 0 for _ in range(300)) <= 6
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("periods", [2, 3, 8])
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_bug_a_record_without_noise_overflowed(periods, offset):
+    """Its weights were one over nothing; what rounding leaves, 1e-13 of the output, is no drift either."""
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(N)
+    walk = 1e-13 * np.cumsum(rng.standard_normal(periods * N))
+    for more in (0.0, walk):
+        y = np.tile(offset + 0.5 * u, periods) + more
+        one = gsid.spectra(gsid.Record(np.tile(u, periods), y, FS_HZ, N, 0, hold="zoh"))
+        assert find_drift(one) == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_output_of_zeros_has_no_drift():
+    one, _ = record(np.random.default_rng(3), 4)
+    assert find_drift(replace(one, Y=np.zeros_like(one.Y))) == 0
+
+
 @pytest.mark.parametrize("walk", [0.0, 1.0])
 @pytest.mark.parametrize("decay", [3.0, 30.0])
 @pytest.mark.parametrize("share", [0.003, 0.01, 0.03, 0.1, 1.0])

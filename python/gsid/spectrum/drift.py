@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from gsid.spectrum.lines import bins_of_record, lines_of, phase_factors
-from gsid.spectrum.spectra import Spectra
+from gsid.spectrum.spectra import ROUNDING, Spectra
 
 SIGNIFICANT = 3.0  # standard deviations: a smaller drift costs a fit at most 9 / (P - 1)
 SAME = 3.0  # standard deviations between two halves of the bins: the end of a transient is no ramp
@@ -31,10 +31,11 @@ def find_drift(one: Spectra) -> float:
     Returns
     -------
     float
-        In units of y. 0 if it is not significant, if the bins do not agree on it, if a period was lost, or if
+        In units of y. 0 if it is not significant or rounding, if the bins do not agree on it, if a period was lost, or if
         the input differs between the periods: in a closed loop it contains the drift too.
     """
-    if one.n_periods < 2 or one.n_spoiled or not one.input_repeats:
+    rounding = ROUNDING * float(np.max(np.abs(one.Y)))
+    if one.n_periods < 2 or one.n_spoiled or not one.input_repeats or rounding == 0:
         return 0.0
     n_all = one.n_periods * one.period_samples
     bins = np.arange(1, (n_all + 1) // 2)
@@ -42,16 +43,16 @@ def find_drift(one: Spectra) -> float:
     if len(bins) < FEWEST:
         return 0.0
     measured = bins_of_record(one.Y, one.period_samples, one.settle_samples)[bins]
-    # Over the ramp's own line each bin shows the drift in its real part, and the same noise in both parts.
+    # Divided by that of the ramp, a bin shows the drift in its real part, and as much noise in both parts.
     ratio = measured / np.fft.rfft(_ramp(n_all))[bins] / one.n_periods
     noise = uniform_filter1d(ratio.imag**2, WIDTH, mode="nearest")
-    weight = 1 / np.maximum(noise, np.finfo(float).tiny)
+    weight = 1 / np.maximum(noise, rounding**2)
     drift, std = _weighted_mean(ratio.real, weight)
     before = np.cumsum(weight) - weight
     low = before < np.sum(weight) / 2
     (a, std_a), (b, std_b) = (_weighted_mean(ratio.real[part], weight[part]) for part in (low, ~low))
     agree = abs(a - b) <= SAME * np.hypot(std_a, std_b)
-    return drift if agree and abs(drift) > SIGNIFICANT * std else 0.0
+    return drift if agree and abs(drift) > max(SIGNIFICANT * std, rounding) else 0.0
 
 
 def without_drift(one: Spectra, drift: float) -> Spectra:
@@ -64,9 +65,8 @@ def without_drift(one: Spectra, drift: float) -> Spectra:
         Over a period, as `find_drift`.
     """
     n, periods = one.period_samples, np.arange(one.n_periods)
-    part = np.outer(
-        np.ones(one.n_periods), lines_of(_ramp(n)) * phase_factors(one.line, one.settle_samples, n)
-    )
+    lines = lines_of(_ramp(n)) * phase_factors(one.line, one.settle_samples, n)
+    part = np.tile(lines, (one.n_periods, 1))
     part[:, 0] = periods - periods.mean()
     return replace(one, Y=one.Y - drift * part)
 
