@@ -214,21 +214,26 @@ static int is_settled(const shooting *s, gsid_real change) {
     return 1;
 }
 
-/* A direction that returns to where it began but for rounding is undetermined, as the angle of an axis behind a spring too weak
- * to turn it back: else rounding, over nearly nothing, would be its mean. */
-static void hold_undetermined(shooting *s) {
+/* An angle that returns to where it began but for rounding is undetermined, as behind a spring too weak to turn the axis back:
+ * else rounding of the mean torque, over nearly nothing, would be its mean. A rate counts by what it turns in a period. */
+static void hold_undetermined_angle(shooting *s) {
     const gsid_plant_layout *l = s->l;
-    const gsid_real *dy = &l->shooting.largest_dy[s->first_shoot];
-    for (uint32_t j = 0; j < l->shooting.n; j++) {
-        const uint32_t column = s->first_shoot + j;
-        gsid_real moved = 0;
-        for (uint32_t i = 0; i < l->shooting.n; i++) {
-            moved += dy[i] * gsid_fabs((i == j ? GSID_R(1.0) : GSID_R(0.0)) - end(s, i, column));
-        }
-        const int is_rounding = dy[j] > 0 && moved <= GSID_EPSILON * dy[j];
-        for (uint32_t i = 0; i < l->shooting.n && is_rounding; i++) {
-            state(s, i)[column] += (i == j ? GSID_R(1.0) : GSID_R(0.0)) - end(s, i, column);
-        }
+    const gsid_real period_s = (gsid_real)s->n_period / s->plant->cfg.fs_hz;
+    uint32_t angle = 0;
+    while (angle < l->shooting.n && l->shooting.row[angle] != GSID_Z_ANGLE) {
+        angle++;
+    }
+    if (angle == l->shooting.n) {
+        return;
+    }
+    const uint32_t column = s->first_shoot + angle;
+    gsid_real moved = 0;
+    for (uint32_t i = 0; i < l->shooting.n; i++) {
+        const gsid_real left = end(s, i, column) - (i == angle ? GSID_R(1.0) : GSID_R(0.0));
+        moved += (l->shooting.row[i] == GSID_Z_RATE ? period_s : GSID_R(1.0)) * gsid_fabs(left);
+    }
+    for (uint32_t i = 0; i < l->shooting.n && moved <= GSID_EPSILON; i++) {
+        state(s, i)[column] -= end(s, i, column) - (i == angle ? GSID_R(1.0) : GSID_R(0.0));
     }
 }
 
@@ -238,7 +243,7 @@ static void hold_undetermined(shooting *s) {
 static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     const uint32_t n = l->shooting.n;
-    hold_undetermined(s);
+    hold_undetermined_angle(s);
     gsid_lsq q;
     gsid_status status = gsid_lsq_init(&q, n, l->shooting.lsq_mem, GSID_LSQ_MEM_SIZE(l->shooting.n_max));
     for (uint32_t c = s->first_shoot; c > 0 && status >= 0; c--) {

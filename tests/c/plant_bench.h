@@ -66,6 +66,12 @@ static inline void bench_init(bench *b) {
     assert_int_equal(gsid_plant_init(&b->plant, &b->cfg, b->memory.bytes, sizeof b->memory), GSID_OK);
 }
 
+static inline gsid_real bench_step(bench *b, gsid_real command) {
+    gsid_real out;
+    assert_int_equal(gsid_plant_step(&b->plant, command, &out, NULL), GSID_OK);
+    return out;
+}
+
 /* Step n_periods from rest, and compare the sensitivities of the last one with the periodic ones, dy [n_free][n_period]. A step of
  * sample n gets u[n + lead]. */
 static inline void bench_compare_stepped(bench *b, int n_period, const gsid_real *u, int lead, int n_periods,
@@ -105,6 +111,13 @@ static inline double bench_command(uint32_t n_period, uint32_t n, double size) {
         sum += cos(2.0 * PI * (double)(line * n % n_period) / n_period + 1.7 * line * line) / line;
     }
     return size * sum;
+}
+
+/* A command with many lines, of this size. */
+static inline void bench_fill(gsid_real *u, uint32_t n_period, double size) {
+    for (uint32_t n = 0; n < n_period; n++) {
+        u[n] = (gsid_real)bench_command(n_period, n, size);
+    }
 }
 
 #endif

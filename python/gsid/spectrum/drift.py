@@ -31,8 +31,8 @@ def find_drift(one: Spectra) -> float:
     Returns
     -------
     float
-        In units of y. 0 if it is not significant or rounding, if the bins do not agree on it, if a period was lost, or if
-        the input differs between the periods: in a closed loop it contains the drift too.
+        In units of y. 0 if it is not significant, or rounding; if the bins do not agree on it; if a period
+        was lost; or if the input differs between the periods: in a closed loop it contains the drift too.
     """
     rounding = ROUNDING * float(np.max(np.abs(one.Y)))
     if one.n_periods < 2 or one.n_spoiled or not one.input_repeats or rounding == 0:
