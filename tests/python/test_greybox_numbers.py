@@ -1,7 +1,6 @@
 """Numbers of the grey-box fit against numbers computed by hand, on problems of a few unknowns."""
 
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.comparison import compare
 from gsid.excitation.multisine import Multisine
-from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_error, linear_start
 from gsid.greybox.problem import Problem
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -378,13 +377,6 @@ def test_the_covariance_is_that_of_numpys_singular_values():
         np.testing.assert_allclose(
             covariance(r).of_unknowns / np.outer(std, std), want / np.outer(std, std), atol=1e-11
         )
-
-
-def test_misfit_is_what_exceeds_noise_by_three_standard_deviations():
-    """150 numbers whose variances have 4 degrees of freedom scatter by sqrt(2 150 (1 + 2 / 4)) = 21.21."""
-    for cost, excess in ((300.0, 300 - 150 - 3 * 21.2132), (200.0, 0.0)):
-        fit = SimpleNamespace(cost=cost, n_dof=150, variance_dof=4.0)
-        assert PlantFit.misfit.fget(fit) == pytest.approx(excess, abs=1e-3)
 
 
 def test_the_p_value_of_a_fit_is_that_of_the_lines_above_0_hz():

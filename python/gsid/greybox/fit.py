@@ -215,12 +215,6 @@ class PlantFit(Plottable):
         return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     @property
-    def misfit(self) -> float:
-        """Excess of the cost over that of noise plus three standard deviations; at least 0."""
-        scatter = SETTINGS.misfit_sigma * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
-        return float(max(self.cost - self.n_dof - scatter, 0.0))
-
-    @property
     def noise_p_value(self) -> float:
         """Probability that noise alone causes a misfit this large or larger (CMP-1).
 

@@ -75,8 +75,6 @@ class GreyboxSettings:
     involved : float
         Parameters with a larger component in a held direction (of unit length) have no standard deviation.
         Chosen: the standard deviation along such a direction is unknown, and a tenth of it may be large.
-    misfit_sigma : float, in standard deviations of the cost
-        Part of the excess of the cost that counts as noise. Chosen: the usual three standard deviations.
     scan_spread : float, relative to the start value
         Range of the scan over the resonance frequency to each side. Sweep: with 0.05 all resonances are found
         from starts up to 10 % off, with 0.15 up to 20 %, with 0.3 nearly all up to 30 %, at twice the time of
@@ -116,7 +114,6 @@ class GreyboxSettings:
     stalled: float = _C.search.stalled
     failed_cost: float = _C.search.failed_cost
     involved: float = _C.involved
-    misfit_sigma: float = 3.0
     scan_spread: float = 0.15
     scan_step: float = 0.1
     scan_step_min: float = 1e-3
