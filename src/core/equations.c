@@ -105,8 +105,8 @@ gsid_status gsid_equations_next(gsid_equations *q) {
     return q->n_rows < GSID_LSQ_BLOCK ? GSID_OK : gsid_equations_end(q);
 }
 
-void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real held, gsid_rational *model) {
-    model->den[q->held] = held;
+void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_rational *model) {
+    model->den[q->held] = 1;
     for (uint32_t i = 0; i < q->n_den; i++) {
         model->den[i < q->held ? i : i + 1] = x[i];
     }

@@ -44,7 +44,7 @@ gsid_status gsid_equations_next(gsid_equations *q);
 gsid_status gsid_equations_end(gsid_equations *q);
 
 /** Write x, in the order of the columns, into a model. */
-void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real held, gsid_rational *model);
+void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_rational *model);
 
 /** Arguments of the estimators.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */

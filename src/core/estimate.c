@@ -72,7 +72,7 @@ static gsid_status solve_reweighted(gsid_equations *q, const gsid_frd *data, gsi
         status = gsid_lsq_solve(&q->normal, 0, q->step, NULL);
     }
     if (status >= 0) {
-        gsid_equations_set(q, q->step, 1, model);
+        gsid_equations_set(q, q->step, model);
     }
     return status;
 }

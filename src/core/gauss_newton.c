@@ -101,18 +101,24 @@ static gsid_status solve_damped(gsid_equations *q, gsid_real damping) {
     return gsid_lsq_solve(&q->damped, 0, q->step, NULL);
 }
 
-/* Second derivative of G = e B / A along a step (dA, dB, dtau): G (s^2 + (dA/A)^2) - 2 s e dB / A, s = dA/A + j w dtau. */
-static gsid_cplx second_derivative(const gsid_rational *model, const gsid_rational *step, gsid_real f_hz) {
-    const gsid_real w_rad_s = GSID_TWO_PI * f_hz;
-    const gsid_cplx v = gsid_rational_variable(model, w_rad_s);
-    const gsid_cplx a = gsid_cplx_polynomial(model->n_poles, model->den, v);
-    const gsid_cplx by_num = gsid_cplx_div(gsid_cplx_cis(-w_rad_s * model->delay_s), a);
-    const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(model->n_zeros, model->num, v));
-    const gsid_cplx db = gsid_cplx_mul(by_num, gsid_cplx_polynomial(model->n_zeros, step->num, v));
-    const gsid_cplx da = gsid_cplx_div(gsid_cplx_polynomial(model->n_poles, step->den, v), a);
-    const gsid_cplx s = gsid_cplx_add(da, gsid_cplx_make(0, w_rad_s * step->delay_s));
-    const gsid_cplx squares = gsid_cplx_add(gsid_cplx_mul(s, s), gsid_cplx_mul(da, da));
-    return gsid_cplx_sub(gsid_cplx_mul(g, squares), gsid_cplx_scale(2, gsid_cplx_mul(s, db)));
+/* The step times the derivatives of columns first to end - 1. */
+static gsid_cplx along_step(const gsid_equations *q, const linearised *l, uint32_t first, uint32_t end) {
+    gsid_cplx sum = {0, 0};
+    for (uint32_t i = first; i < end; i++) {
+        sum = gsid_cplx_add(sum, gsid_cplx_scale(q->step[i], l->by[i]));
+    }
+    return sum;
+}
+
+/* Second derivative of G = e B / A along a step, from the first ones through A (a), B (b) and the delay in e (d):
+ * ((a + d) (a + d + 2 b) + a^2) / G. Where G is 0 it is neglected. */
+static gsid_cplx second_derivative(gsid_cplx g, gsid_cplx a, gsid_cplx b, gsid_cplx d) {
+    if (gsid_cplx_abs2(g) == 0) {
+        return (gsid_cplx){0, 0};
+    }
+    const gsid_cplx both = gsid_cplx_add(a, d);
+    const gsid_cplx squares = gsid_cplx_add(gsid_cplx_mul(both, both), gsid_cplx_mul(a, a));
+    return gsid_cplx_div(gsid_cplx_add(squares, gsid_cplx_scale(2, gsid_cplx_mul(both, b))), g);
 }
 
 /* Second derivative of the error: for ln G it is G''/G - (G'/G)^2; that of the weight is neglected. */
@@ -126,20 +132,19 @@ static gsid_cplx second_of_error(const gsid_frd *data, const linearised *l, gsid
 /* q->bend <- J' times the second derivative of the errors along q->step. */
 static gsid_status project_bend(gsid_equations *q, const gsid_frd *data, const gsid_cplx *drift,
                                 const gsid_rational *model) {
-    gsid_rational step = {GSID_DOMAIN_S, 0, 0, 0, 0, 0, {0}, {0}};
+    const uint32_t n_coefficients = q->n_den + q->n_num;
     linearised l;
-    gsid_equations_set(q, q->step, 0, &step);
     memset(q->bend, 0, q->n * sizeof(*q->bend));
     for (uint32_t k = 0; k < data->n_lines; k++) {
         const gsid_status status = linearise(data, model, k, &l);
         if (status != GSID_OK) {
             return status;
         }
-        gsid_cplx along = {0, 0};
-        for (uint32_t i = 0; i < q->n; i++) {
-            along = gsid_cplx_add(along, gsid_cplx_scale(q->step[i], l.by[i]));
-        }
-        const gsid_cplx second = second_of_error(data, &l, along, second_derivative(model, &step, data->f_hz[k]));
+        const gsid_cplx a = along_step(q, &l, 0, q->n_den);
+        const gsid_cplx b = along_step(q, &l, q->n_den, n_coefficients);
+        const gsid_cplx d = along_step(q, &l, n_coefficients, q->n);
+        const gsid_cplx along = gsid_cplx_add(gsid_cplx_add(a, b), d);
+        const gsid_cplx second = second_of_error(data, &l, along, second_derivative(l.g, a, b, d));
         const gsid_cplx p = gsid_residual_project(&l.error, second);
         const gsid_cplx p_data = gsid_cplx_mul(gsid_cplx_conj(second), l.error.by_data);
         const gsid_cplx *moves = drift_at(drift, model, k);
