@@ -9,7 +9,7 @@ from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.structure.settings import StructureSettings
 
-LARGEST = 100.0  # residue over the given one, or over the body: two modes that cancelled each other had 6000
+LARGEST = 10.0  # residue over the given one, or over the body: a mode in the place of the body had 100
 
 Limits = tuple[float, float]
 

@@ -212,8 +212,11 @@ def conclude(
         Free functions beside the best law, with the weights of noise.
     """
     gain = misfit.cost - min([best.cost, *(one.cost for one in enlarged)])
-    needed = best.n_parameters * math.log(misfit.n_rows) + settings.null_gain
-    if gain < needed and misfit.cost_per_dof < settings.null_cost and not misfit.has_model_error:
+    needed = _gain_by_chance(best, misfit, settings)
+    # What is kept out chooses the best, though another one may lower the cost more.
+    others = any(misfit.cost - one.cost >= _gain_by_chance(one, misfit, settings) for one in rivals)
+    is_small = misfit.cost_per_dof < settings.null_cost and not misfit.has_model_error
+    if is_small and gain < needed and not others:
         return Conclusion("none")
     share = misfit.share(best.kept)
     reasons = _against(best, rivals, enlarged, misfit, settings)
@@ -228,6 +231,11 @@ def conclude(
         return Conclusion("unknown", (), tuple(reasons), beaten, taken)
     effects = (best.name, *equals(best, rivals, misfit, settings))
     return Conclusion("nearest", effects, tuple(reasons), (), taken)
+
+
+def _gain_by_chance(one: Candidate, misfit: Misfit, settings: SearchSettings) -> float:
+    """Fall of the cost that the best of many laws of as many parameters has by chance."""
+    return one.n_parameters * math.log(misfit.n_rows) + settings.null_gain
 
 
 def better_outside(law: str) -> str:
