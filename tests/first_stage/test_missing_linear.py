@@ -322,7 +322,7 @@ def test_bug_nothing_was_missing_beside_two_modes_that_cancel_each_other(percent
 
 @pytest.mark.parametrize("percent", [5, 30])
 def test_bug_a_mode_took_the_place_of_the_body(percent):
-    """With 100 times the body, of the other sign, it was the body with its damping (seed 5333, damping 28)."""
+    """With 100 times the body and the other sign, it was the body, damped (seed 5333, damping 28)."""
     trial = axes.drawn(5333, "viscous_friction", 28)
     start = trial.start(np.random.default_rng([percent, trial.period_samples]), percent / 100)
     records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]

@@ -1,7 +1,7 @@
 """Diagnosis from the records alone: from the samples to the name of the missing effect.
 
-1. The linear structure is taken from the data (`gsid.start`), or from a given model. Drifts, and a fan between
-   the lines, are subtracted.
+1. The linear structure is taken from the data (`gsid.start`), or from a given model. Drifts, and a fan
+   between the lines, are subtracted.
 2. The laws are judged on a canonical stack by the first stage; linear effects that are missing enter the
    stack first. Where more than noise is left, lines on which noise rings are left out.
 3. The winner, its relatives and the best law of another family are fitted by simulation.
