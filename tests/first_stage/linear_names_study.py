@@ -167,7 +167,7 @@ def left_by(trial: axes.Trial, model: PlantModel | None, clean: list, noise: flo
     stack = {label: {name: p.value for name, p in one.params.items()} for label, one in model.labels()}
     measured = [(u[line], y[line]) for u, y in zip(U, Y, strict=True)]
     weights = [np.full(len(line), share * one) for one in weight]
-    left = axes.refitted_cost(stack, line * fs_hz / n, fs_hz, trial.output, "zoh", measured, weights)
+    left, _ = axes.refitted(stack, line * fs_hz / n, fs_hz, trial.output, "zoh", measured, weights)
     return left + float(np.sum(np.abs(weight[:, None] * Y[:, between]) ** 2))
 
 
