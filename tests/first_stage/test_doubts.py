@@ -302,6 +302,14 @@ def test_bug_a_mode_above_the_band_was_named_where_a_lag_is_missing():
     assert doubts(null, moved, "sensor_lag", DEFAULTS) == []
 
 
+def test_bug_a_mode_with_the_damping_of_a_body_was_named_for_a_lag():
+    """Without it the resonance of the model was lost (seed 110055, removed 11: damping ratio 1.4)."""
+    null = fit([10] * 8, [10] * 8, modes=[mode(171.0, stds=(5.0, 0.02, 0.2))])
+    found = fit([0] * 8, [0] * 8, modes=[mode(180.0), mode(23.4, 1.4, -0.53, stds=(0.7, 0.08, 0.04))])
+    assert (n_resonances(null, DEFAULTS), n_resonances(found, DEFAULTS)) == (0, 1)
+    assert "no further resonance" in doubts(null, found, "flexible_mode", DEFAULTS)[0]
+
+
 def test_bug_a_mode_whose_damping_may_be_zero_was_another_law():
     """0.0026 +- 0.0054, narrower than the distance of the lines: still a mode (5315, missing mode 95)."""
     narrow = mode(2.72, 0.0026, -0.0054, stds=(0.01, 0.0054, 0.0005))

@@ -9,7 +9,12 @@ import pytest
 import gsid
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import far_values
-from gsid.diagnosis.from_records.far_values import check_far_values, far_delay, undetermined_gain
+from gsid.diagnosis.from_records.far_values import (
+    check_far_values,
+    far_delay,
+    replaced_mode,
+    undetermined_gain,
+)
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
@@ -75,6 +80,40 @@ def test_bug_a_damping_above_the_band_was_only_nearest(rate, in_given, verdict):
     first.final = SimpleNamespace(model=fit.model, fit=fit, effects=("viscous_friction",))
     check_far_values(Rounds(first))
     assert first.decision.verdict == verdict
+
+
+def with_modes(*modes):
+    """Values and standard deviations of modes beside a body."""
+    names = ("f_hz", "zeta", "residue")
+    effects = [
+        Effect("flexible_mode", {name: Param(*each) for name, each in zip(names, one, strict=True)})
+        for one in modes
+    ]
+    return gsid.PlantModel(FS_HZ, [Effect("rigid_body", {"gain": Param(100.0)}), *effects], "rate")
+
+
+FIRM = (182.0, True, 0.1), (0.006, True, 0.001), (0.05, True, 0.007)
+LOST = (470.0, True, 160.0), (0.4, True, 0.17), (9.9, True, 7.5)
+
+
+@pytest.mark.parametrize(
+    ("modes", "given_hz", "is_replaced"),
+    [
+        ((LOST, FIRM), 235.0, True),
+        ((FIRM, LOST), 235.0, False),  # the new one is above the band: another doubt
+        ((LOST, FIRM), 420.0, False),  # it was above the band, and is nearer to its place
+        ((FIRM, ((60.0, True, 0.1), *FIRM[1:])), 110.0, False),  # both are resonances
+    ],
+)
+def test_bug_the_mode_of_the_model_was_named_while_its_own_did_what_a_lag_does(modes, given_hz, is_replaced):
+    """Without the lags in the catalogue (seed 110055, removed 11, from values 30 % off)."""
+    model = with_modes(*modes)
+    spectra = SimpleNamespace(f_hz=0.5 * np.arange(800))
+    fit = SimpleNamespace(model=model, band_hz=(0.5, 200.0), records=[SimpleNamespace(spectra=spectra)])
+    given = with_modes(((given_hz,), (0.01,), (0.27,)))
+    found = replaced_mode(SimpleNamespace(model=model, fit=fit), given, DEFAULTS)
+    assert (found is not None) == is_replaced
+    assert found is None or "182 Hz has taken the place of that of 235 Hz" in found
 
 
 def test_a_model_without_a_delay_has_none_that_is_far():

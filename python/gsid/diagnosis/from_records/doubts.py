@@ -57,7 +57,7 @@ def doubts(null: PlantFit, fit: PlantFit, effect: str, settings: DecisionSetting
             f"{effect} lowers the cost by {fall:.3g}, of which {error:.3g} may be the error of simulating an"
             " input that is not held."
         )
-    if find(effect).linear_part == "mode" and n_resonances(fit, settings) <= n_resonances(null, settings):
+    if find(effect).linear_part == "mode" and not adds_resonance(null, fit, settings):
         found.append(
             f"With {effect} the model has no further resonance that the data resolve within"
             f" {fit.band_hz[0]:.4g} to {fit.band_hz[1]:.4g} Hz: a lag or a delay may do the same."
@@ -215,6 +215,24 @@ def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.bincount(line, values.real) ** 2 + np.bincount(line, values.imag) ** 2
 
 
+def adds_resonance(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:
+    """Whether a mode that was added is a resonance, and no other one has lost its place to it.
+
+    One with the damping of a body does what a lag does; the linear part alone may have lost its resonance to
+    that, so that the number does not show it.
+
+    Parameters
+    ----------
+    null, fit : PlantFit
+        Without and with the mode.
+    settings : DecisionSettings
+    """
+    known = set(_modes(null))
+    added = [label for label in _modes(fit) if label not in known]
+    are_resonances = all(is_resonance(fit, label, settings) for label in added)
+    return are_resonances and n_resonances(fit, settings) > n_resonances(null, settings)
+
+
 def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
     """Number of modes of a fitted model that are resonances within the band, beyond their uncertainty.
 
@@ -223,12 +241,23 @@ def n_resonances(fit: PlantFit, settings: DecisionSettings) -> int:
     fit : PlantFit
     settings : DecisionSettings
     """
-    modes = [label for label, one in fit.model.labels() if one.type.linear_part == "mode"]
-    return sum(_is_resonance(fit, label, settings) for label in modes)
+    return sum(is_resonance(fit, label, settings) for label in _modes(fit))
 
 
-def _is_resonance(fit: PlantFit, mode: str, settings: DecisionSettings) -> bool:
-    """Whether a mode is a peak in the band. Frequency and width of a mode that is none are not determined."""
+def _modes(fit: PlantFit) -> list[str]:
+    return [label for label, one in fit.model.labels() if one.type.linear_part == "mode"]
+
+
+def is_resonance(fit: PlantFit, mode: str, settings: DecisionSettings) -> bool:
+    """Whether a mode is a peak in the band. Frequency and width of a mode that is none are not determined.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    mode : str
+        Its label in the model.
+    settings : DecisionSettings
+    """
     f_hz, zeta, residue = (fit.model[f"{mode}.{name}"] for name in ("f_hz", "zeta", "residue"))
     std_hz, size = _std(f_hz), abs(residue.value)
     in_band = fit.band_hz[0] <= f_hz.value - std_hz and f_hz.value + std_hz <= fit.band_hz[1]

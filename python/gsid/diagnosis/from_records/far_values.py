@@ -4,6 +4,7 @@ Damping, lags and modes may exchange their places in equal models, so that their
 no such counterpart but the hold, which is less than a sample: where it has moved far, delay and effect may
 imitate another one together. So may a mode in the place of the sprung body, which leaves a body whose gain
 the data do not determine. The gain over a damping may still be determined: its corner is above the band.
+A mode that was added may also take the place of a given one, which then does what a lag does.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.doubts import is_resonance
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -41,6 +43,7 @@ def check_far_values(rounds: Rounds) -> None:
     far = far_delay(final.model, given, rounds.settings)
     if far and _is_refuted(rounds, final, far):
         reason = far.sentence
+    reason = reason or replaced_mode(final, given, rounds.settings)
     if reason:
         rounds.demote(linear, reason, final)
 
@@ -94,6 +97,33 @@ def undetermined_gain(fitted: PlantModel, given: PlantModel) -> str | None:
         if found.free and found.std is not None and not found.std < abs(found.value):
             return f"Beside it the data do not determine {parameter}, which is {_in_given(known)}"
     return None
+
+
+def replaced_mode(final: Simulated, given: PlantModel, settings: DecisionSettings) -> str | None:
+    """Which given mode is no resonance any more where an added one is nearer to its frequency, in a sentence.
+
+    Parameters
+    ----------
+    final : Simulated
+        With all effects of the given model.
+    given : PlantModel
+    settings : DecisionSettings
+    """
+    before, after = _frequencies(given), _frequencies(final.model)
+    added = [f_hz for label, f_hz in after.items() if label not in before]
+    for label, f_hz in before.items():
+        moved = abs(math.log(after[label] / f_hz))
+        nearer = [one for one in added if abs(math.log(one / f_hz)) < moved]
+        if nearer and not is_resonance(final.fit, label, settings):
+            place = f"{nearer[0]:.4g} Hz has taken the place of that of {f_hz:.4g} Hz of the given model"
+            return f"The mode of {place}, which is no resonance any more: a lag or a delay may do the same."
+    return None
+
+
+def _frequencies(model: PlantModel) -> dict[str, float]:
+    """Of the modes, by their label [Hz]."""
+    modes = {label: one for label, one in model.labels() if one.type.linear_part == "mode"}
+    return {label: one.params["f_hz"].value for label, one in modes.items()}
 
 
 def _values(fitted: PlantModel, given: PlantModel, form: str) -> Iterator[tuple[str, float, Param]]:
