@@ -86,7 +86,6 @@ static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
     bench_compare_stepped(&b, N, u, 0, repeats(30, 3), dy[0], PERIODIC_TOL);
 }
 
-/* Nothing pulls a free axis back: its angle stays where it was, and the rate is found all the same. */
 /* One free parameter has the same sensitivities alone as beside all others. */
 static void a_free_parameter_alone_moves_the_answer_as_among_others(void **state) {
     (void)state;
@@ -145,6 +144,7 @@ static void a_controller_comes_before_the_drive_in_any_order_of_the_stack(void *
     assert_true(largest > 0);
 }
 
+/* Nothing pulls a free axis back: its angle stays where it was, and the rate is found all the same. */
 static void an_angle_that_nothing_determines_stays(void **state) {
     (void)state;
     gsid_real residual;

@@ -429,7 +429,7 @@ def test_only_a_given_model_with_a_law_is_fitted_by_simulation_first(monkeypatch
     monkeypatch.setattr(find_structure, "require_motion", lambda _: None)
     kept = []
     facts = {"measured": [], "hold_assumed": False, "band": None, "deadline": None, "on_step": lambda _: None}
-    run = SimpleNamespace(keep=kept.append, **facts)
+    run = SimpleNamespace(keep=kept.append, settings=DEFAULTS, **facts)
     find_structure._take(run, plant)
     assert kept == (["fitted"] if laws else [])
     assert set(run.stack.stack()) == {"rigid_body", "viscous_friction"}

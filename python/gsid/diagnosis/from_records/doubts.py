@@ -216,10 +216,10 @@ def _power_of_sum(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def adds_resonance(null: PlantFit, fit: PlantFit, settings: DecisionSettings) -> bool:
-    """Whether a mode that was added is a resonance, and no other one has lost its place to it.
+    """Whether a mode that was added is a resonance, and the model has more of them than without it.
 
-    One with the damping of a body does what a lag does; the linear part alone may have lost its resonance to
-    that, so that the number does not show it.
+    One with the damping of a body does what a lag does. The number alone does not show that: without it, the
+    model may have lost a resonance of its own.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ def _take(run: Run, model: PlantModel) -> None:
         hint = 'mark what the records may change, such as the gain of rigid_body, with "free": true'
         raise InputError("the given model has no free parameter", "", None, hint)
     run.given = model
-    model = with_mode_limits(model)
+    model = with_mode_limits(model, run.settings)
     run.stack, run.judged = linear_only(model), run.measured
     run.hold_assumed = run.hold_assumed and not model.has_controller
     if not all(one.input_repeats for one in run.measured):

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.missing_torque.other_start import FARTHEST
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.structure.settings import StructureSettings
 
-LARGEST = 10.0  # residue over the given one, or over the body: a mode in the place of the body had 100
-
 Limits = tuple[float, float]
 
 
-def with_mode_limits(model: PlantModel) -> PlantModel:
+def with_mode_limits(model: PlantModel, settings: DecisionSettings = DEFAULTS) -> PlantModel:
     """A model whose modes stay resonances near their frequency.
 
     Without such limits the mode of a model takes the place of a spring, a damping, a lag or a delay that is
@@ -24,8 +23,9 @@ def with_mode_limits(model: PlantModel) -> PlantModel:
     Parameters
     ----------
     model : PlantModel
+    settings : DecisionSettings
     """
-    effects = [_limited(one) if one.type.linear_part == "mode" else one for one in model.effects]
+    effects = [_limited(one, settings) if one.type.linear_part == "mode" else one for one in model.effects]
     return replace(model, effects=effects)
 
 
@@ -51,9 +51,9 @@ def with_limits_of(model: PlantModel | None, given: PlantModel) -> PlantModel | 
     return replace(model, effects=effects)
 
 
-def _limited(mode: Effect) -> Effect:
+def _limited(mode: Effect, settings: DecisionSettings) -> Effect:
     f_hz, zeta, residue = (mode.params[name].value for name in ("f_hz", "zeta", "residue"))
-    most = LARGEST * max(abs(residue), 1.0)
+    most = settings.largest_residue * max(abs(residue), 1.0)
     limits = {
         "f_hz": (f_hz / FARTHEST, f_hz * FARTHEST),
         "zeta": (mode.type["zeta"].lower, max(StructureSettings().zeta_max, zeta * FARTHEST)),

@@ -20,6 +20,9 @@ class DecisionSettings:
     strayed : float
         Factor between a given value and that of a fit with a missing linear effect from which the fit may be
         in a wrong minimum: given values may be 30 % off, and one whose place was taken moves by far more.
+    largest_residue : float
+        Of a mode of a given model, over its given residue or over the body. With 100 a mode took the place of
+        the body (seed 5333); two modes that cancelled each other had 6000 (seed 5332).
     low_mode : float
         Modes below this many lowest lines are merged into a free or viscous body, or left out: a low mode of
         a fit that lacks a law is a spring, or the law itself.
@@ -189,6 +192,7 @@ class DecisionSettings:
 
     search: SearchSettings = OF_SEARCH
     strayed: float = 3.0
+    largest_residue: float = 10.0
     low_mode: float = 4.0
     merged_cost: float = 10.0
     much_left: float = SearchSettings.model_error
