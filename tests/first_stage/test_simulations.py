@@ -49,7 +49,7 @@ def test_the_laws_of_the_short_list_end_with_the_best_one_finished(monkeypatch):
         run.final = run.laws[0]
 
     run.decide, run.replace_final = decide, lambda better: Run.replace_final(run, better)
-    for further in ("_add_bias", "_try_spring", "_try_larger", "_fit_null_again"):
+    for further in ("_add_bias", "_try_spring", "_try_delay_or_lag", "_try_larger", "_fit_null_again"):
         monkeypatch.setattr(fit_laws, further, lambda run, fits: None)
     fits = SimpleNamespace(fit=lambda *_: best, finished=lambda one: finished)
     fit_laws._fit_laws(run, fits, [SimpleNamespace(model=None, effect="hard_stop")])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gsid.base.deadline import OutOfTime
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
+from gsid.diagnosis.from_records.delay_in_place import in_place_of
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.larger_laws import worth_a_fit
@@ -111,6 +113,7 @@ def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
         _add_bias(run, fits)
         _finish_best(run, fits)
         _try_spring(run, fits)
+        _try_delay_or_lag(run, fits)
         _try_larger(run, fits)
         _fit_null_again(run, fits)
     is_noise = run.null.noise_p_value >= run.alpha
@@ -261,16 +264,27 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
 
 def _try_spring(run: Run, fits: Simulations) -> None:
     """A spring in place of the best law or mode, if the spring's own fit is not as good."""
-    best = run.final
-    if best is None or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
-        return
-    evidence = run.evidence()
-    known = [one for one in run.laws if one.effects == (SPRING,)]
-    if SPRING in run.excluded or any(not evidence.is_worse(one, best) for one in known):
+    if run.final is not None:
+        _try_linear(run, fits, {SPRING: spring_in_place_of(run.final)})
+
+
+def _try_delay_or_lag(run: Run, fits: Simulations) -> None:
+    """A delay in place of a lag that is the best law, or the reverse, if its own fit is not as good."""
+    if run.final is not None:
+        _try_linear(run, fits, in_place_of(run.final))
+
+
+def _try_linear(run: Run, fits: Simulations, starts: Mapping[str, PlantModel | None]) -> None:
+    """Linear effects in place of the best law, if their own fits are not as good."""
+    best, evidence = run.final, run.evidence()
+    as_good = {one.effects[0] for one in run.laws if not evidence.is_worse(one, best)}
+    tried = starts.keys() - run.excluded - as_good
+    if not tried or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
         return
     # With work of its own: the law may have used up that of the round.
     fits = replace(fits, deadline=run.deadline.bounded(run.settings.moves_of_fit))
-    _try_in_place(run, fits, spring_in_place_of(best), SPRING, best)
+    for effect in sorted(tried):
+        _try_in_place(run, fits, starts[effect], effect, best)
     run.decide()
 
 
