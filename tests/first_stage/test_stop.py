@@ -12,7 +12,7 @@ from test_steps import BODY, DELAY, LAG, SPRING, VISCOUS, model
 import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
-from gsid.diagnosis.from_records import seek_stop, stop_edges
+from gsid.diagnosis.from_records import fit_laws, seek_stop, stop_edges
 from gsid.diagnosis.from_records.settings import DEFAULTS as DECISION
 from gsid.diagnosis.from_records.stop_edges import Edges, edges_along_motion, nearest_start, with_edges
 from gsid.diagnosis.missing_torque.motion import motions
@@ -308,3 +308,25 @@ def test_bug_a_stop_that_one_record_hits_on_one_side_only_was_begun_too_near_the
     for loud in (["one side", "both sides"], ["both sides", "one side"]):
         found = nearest_start(plant, edges, loud, Deadline())
         assert found.stack()["hard_stop"]["angle_deg"] == wide
+
+
+@pytest.mark.parametrize(
+    ("best", "known", "is_tried"),
+    [
+        ("motor_cogging", [], True),
+        ("cubic_spring", [], True),
+        ("cable_spring", [], False),  # a linear effect
+        ("flexible_mode", [], False),
+        ("coulomb_friction", [], False),
+        ("motor_cogging", [{"hard_stop": {"angle_deg": 1.0, "stiffness": 1.0}}], False),
+    ],
+)
+def test_a_shifted_stop_is_tried_in_place_of_a_law_of_the_angle(monkeypatch, best, known, is_tried):
+    calls = []
+    monkeypatch.setattr(fit_laws, "shifted_stop", lambda *_: "a start")
+    monkeypatch.setattr(fit_laws, "_try_in_place", lambda run, fits, *what: calls.append(what))
+    run = SimpleNamespace(null=SimpleNamespace(model=model(BODY, *known)), without=(), band=None, measured=[])
+    run.settings, run.deadline = DECISION, Deadline()
+    law = SimpleNamespace(effects=(best,))
+    fit_laws._try_stop(run, None, law)
+    assert calls == [("a start", "hard_stop", law)] * is_tried

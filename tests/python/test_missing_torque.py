@@ -1,6 +1,7 @@
 """First stage of the diagnosis: its parts against the simulation by steps, its decisions one by one."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -147,6 +148,15 @@ def test_bug_in_a_loop_a_further_mode_was_scanned_as_if_it_were_open():
     scan = linear_fit.ModeScan(problem, part, np.zeros((problem.n_rows, 0)), np.zeros(problem.n_rows))
     shape = 1 / (scan.s[0] ** 2 + 2 * 0.02 * 2 * np.pi * 40.0 * scan.s[0] + (2 * np.pi * 40.0) ** 2)
     assert np.sqrt(scan.power[0]) * np.abs(shape) == pytest.approx(np.abs(change), rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize("zeta", [0.005, 0.08])
+def test_the_grid_of_a_mode_is_half_its_bandwidth_apart(zeta):
+    """The half-power bandwidth is 2 zeta f; below it the lines, 2 Hz apart, decide."""
+    lines = np.arange(3.0, 400.0, 2.0)
+    found = linear_fit.mode_grid(SimpleNamespace(first=[SimpleNamespace(f_hz=lines)]), zeta)
+    assert (found[0], found[-2] < lines[-1] <= found[-1]) == (lines[0], True)
+    np.testing.assert_allclose(np.diff(found), np.maximum(zeta * found[:-1], 1.0))
 
 
 def _closed(signal):

@@ -1,7 +1,11 @@
-"""A named effect with a nearest one beside it, in words and in JSON."""
+"""The verdict as a sentence, and a nearest effect beside a named one in words and in JSON."""
+
+import dataclasses
+
+import pytest
 
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
-from gsid.diagnosis.from_records.verdict import MISSING, NEAREST
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN
 
 COULOMB, CUBIC, ZONE = ("coulomb_friction",), ("cubic_spring",), ("drive_dead_zone",)
 
@@ -42,3 +46,20 @@ def test_words_for_two_named_and_for_two_nearest():
     assert near.laws == [COULOMB, CUBIC]
     one = diagnosis(NEAREST, [], [CUBIC]).sentence
     assert one.startswith("An effect is missing; the nearest is cubic_spring (cost ")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "confirmed", "sentence"),
+    [
+        (ADEQUATE, True, "These data show no missing effect."),
+        (UNKNOWN, True, "An effect is missing; these data confirm no law of the catalogue."),
+        (
+            ADEQUATE,
+            False,
+            "First draft, not confirmed by simulation: these data show no missing effect.",
+        ),
+    ],
+)
+def test_a_verdict_without_a_law_as_a_sentence(verdict, confirmed, sentence):
+    result = dataclasses.replace(diagnosis(NEAREST, [], [CUBIC]), verdict=verdict, confirmed=confirmed)
+    assert result.sentence == sentence
