@@ -94,7 +94,7 @@ def linear_view(
     -------
     LinearView
     """
-    f = f_hz if np.all(f_hz) else np.where(f_hz == 0, 1e-3 * np.min(f_hz[f_hz > 0]), f_hz)
+    f = np.where(f_hz == 0, 1e-3 * np.min(f_hz[f_hz > 0]), f_hz)
     s = 2j * np.pi * f
     parts = _parts(stack)
     spring = _sum(parts["spring"])
@@ -103,8 +103,7 @@ def linear_view(
     springs = (spring + pendulum * radians_per_unit) / s
     body = 1 / _nonzero(s + _sum(parts["damping"]) + springs + reaction + _dynamics(parts, s))
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
-    if parts["delay"]:
-        actuator = actuator * np.exp(-s * _sum(parts["delay"]))
+    actuator = actuator * np.exp(-s * _sum(parts["delay"]))
     if held:
         actuator = actuator * (hold_factor(f, fs_hz) if hold is None else hold)
     driven = actuator * transmitted

@@ -33,8 +33,8 @@ class FarImages:
         self._f_hz, self._fs_hz = f_hz, fs_hz
         angle = np.pi * (np.arange(NODES) + 0.5) / NODES
         self._nodes_hz = float(f_hz.max()) * (1 - np.cos(angle)) / 2
-        self._order = np.concatenate([np.arange(-last, -first), np.arange(first + 1, last + 1)])
-        self._at_hz = (self._nodes_hz + self._order[:, None] * fs_hz).ravel()
+        order = np.concatenate([np.arange(-last, -first), np.arange(first + 1, last + 1)])
+        self._at_hz = (self._nodes_hz + order[:, None] * fs_hz).ravel()
         self._hold = hold_factor(self._at_hz, fs_hz)
         self._to_lines = np.transpose(
             [BarycentricInterpolator(self._nodes_hz, one)(f_hz) for one in np.eye(NODES)]
@@ -46,20 +46,19 @@ class FarImages:
         Parameters
         ----------
         command : callable
-            Response to the command without its delay, at some frequencies [Hz], where the response of the
-            hold is given.
+            Response to the command at some frequencies [Hz], where the response of the hold is given.
         delay_s : float
-            That delay.
+            Delay of that response.
 
         Returns
         -------
         (K,) complex ndarray
         """
-        turned = np.exp(-2j * np.pi * self._order * self._fs_hz * delay_s)  # each image by the delay
-        found = turned @ command(self._at_hz, self._hold).reshape(-1, NODES)
-        smooth = self._to_lines @ (found / self._of_hold(self._nodes_hz))
-        return np.exp(-2j * np.pi * self._f_hz * delay_s) * self._of_hold(self._f_hz) * smooth
+        found = command(self._at_hz, self._hold).reshape(-1, NODES).sum(axis=0)
+        smooth = found / self._common(self._nodes_hz, delay_s)
+        return self._common(self._f_hz, delay_s) * (self._to_lines @ smooth)
 
-    def _of_hold(self, f_hz: np.ndarray) -> np.ndarray:
-        """What all images of a line share: the zeros of the hold."""
-        return -np.expm1(-2j * np.pi * f_hz / self._fs_hz)
+    def _common(self, f_hz: np.ndarray, delay_s: float) -> np.ndarray:
+        """What all images of a line share apart from a phase: the delay, and the zeros of the hold."""
+        w = 2j * np.pi * f_hz
+        return np.exp(-w * delay_s) * -np.expm1(-w / self._fs_hz)

@@ -298,9 +298,8 @@ class Problem:
         if (group, images) not in self._known_far:
             self._known_far[group, images] = FarImages(lines.f_hz, lines.spectra.fs_hz, images, last)
         delay_s = sum(part.stack[label]["delay_s"] for label, kind in kinds.items() if kind == "delay")
-        stays = {label: values for label, values in part.stack.items() if kinds[label] != "delay"}
-        at_once, far = replace(part, stack=stays), self._known_far[group, images]
-        return far.sum(lambda f, hold: self._view(at_once, group, f, hold).command, delay_s)
+        far = self._known_far[group, images]
+        return far.sum(lambda f, hold: self._view(part, group, f, hold).command, delay_s)
 
     def whiten(self, errors: Sequence[np.ndarray]) -> np.ndarray:
         """Errors of each record, (..., K), whitened and put together as real numbers, (..., n_rows).
