@@ -89,7 +89,8 @@ class PythonTests:
         """What a fixture of a test runs counts for its whole file: another test may have used it before."""
         found = set()
         for context in contexts:
-            name, _, phase = context.rpartition("|")
+            test, _, phase = context.rpartition("|")
+            name = test.partition("@")[0]  # what follows is a group of xdist's
             found |= {name} & self.durations.keys() if phase == "run" else of_file[name.partition("::")[0]]
         return found
 

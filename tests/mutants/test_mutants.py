@@ -99,16 +99,20 @@ def test_the_mutants_of_c():
     }
 
 
-@pytest.fixture
-def project(tmp_path):
+def project_in(folder, tests):
     """One module and its test, with the lines that the test executes."""
-    for name, text in (("python/law.py", LAW), ("tests/test_law.py", TESTS)):
-        path = tmp_path / "tree" / name
+    for name, text in (("python/law.py", LAW), ("tests/test_law.py", tests)):
+        path = folder / "tree" / name
         path.parent.mkdir(parents=True)
         path.write_text(text)
-    tests = python_tests.PythonTests(tmp_path / "tree", PACKAGES)
-    tests.measure(tmp_path / "coverage", ["python/law.py"], ["tests"])
-    return tests
+    found = python_tests.PythonTests(folder / "tree", PACKAGES)
+    found.measure(folder / "coverage", ["python/law.py"], ["tests"])
+    return found
+
+
+@pytest.fixture
+def project(tmp_path):
+    return project_in(tmp_path, TESTS)
 
 
 @pytest.mark.parametrize(
@@ -127,6 +131,16 @@ def test_a_mutant_is_judged_by_the_tests_of_its_line(project, monkeypatch, old, 
     mutant = Mutant.of("python/law.py", line, "by hand", LAW, LAW.replace(old, new))
     assert project.judge(mutant)[0] == status
     assert (project.tree / "python/law.py").read_text() == LAW
+
+
+def test_bug_tests_of_a_group_judged_no_mutant(tmp_path):
+    """The name of a test then ends with that of the group."""
+    group = 'import pytest\n\npytestmark = pytest.mark.xdist_group("law")\n'
+    project = project_in(tmp_path, group + TESTS)
+    line = LAW[: LAW.index("return 2 * x")].count("\n") + 1
+    mutant = Mutant.of("python/law.py", line, "by hand", LAW, LAW.replace("2 * x", "2 / x"))
+    assert project.covering(mutant) == ["tests/test_law.py::test_law"]
+    assert project.judge(mutant)[0] == "killed"
 
 
 def test_a_constant_is_judged_by_the_tests_of_the_lines_that_use_it(tmp_path):
