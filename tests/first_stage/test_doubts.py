@@ -118,6 +118,14 @@ def test_p_values_of_a_disturbance_of_any_phase_are_uniform(n_lines):
     assert stats.kstest([line.p_of_disturbance() for line in lines], "uniform").pvalue > 1e-3
 
 
+def test_less_than_noise_on_the_line_is_no_further_evidence_against_a_disturbance():
+    """Beside one parameter 3 lines leave 5 by chance; the share left is a beta variable (Fisher for both)."""
+    found = [StrongestLine(1.0, 100.0, left, 2, 3, 4.0).p_of_disturbance() for left in (0.2, 5.0, 5.5)]
+    parts = stats.beta.cdf(5 / 100, 2.5, 0.5), stats.chi2.sf(4.0, 1)
+    assert found[0] == found[1] == pytest.approx(stats.combine_pvalues(parts).pvalue)
+    assert found[2] > found[1]
+
+
 @pytest.mark.parametrize(
     ("left", "elsewhere", "n_doubts"), [(19.0, 39.0, 1), (18.0, 39.0, 0), (19.0, 41.0, 0)]
 )
