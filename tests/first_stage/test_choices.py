@@ -547,3 +547,19 @@ def test_bug_a_hysteresis_alone_kept_a_damping_from_its_name(winner, drop, liste
     ranked, chosen = [best, hysteresis, dry, lag], [best, hysteresis, lag]
     assert _simplest_of_rivals(ranked, best, chosen, DEFAULTS) == ([dry] if listed else [])
     assert _simplest_of_rivals(ranked, best, [*chosen, dry], DEFAULTS) == []
+
+
+@pytest.mark.parametrize(("without", "known"), [(("sensor_sample_hold",), False), ((), True)])
+def test_a_held_sensor_that_is_left_out_or_known_is_not_sought(monkeypatch, without, known):
+    monkeypatch.setattr(stage, "held_rate", lambda *_, **__: pytest.fail("sought"))
+    given = model(BODY, *([{"sensor_sample_hold": {"rate_hz": 100.0}}] if known else []))
+    assert stage._held_sensor(SimpleNamespace(), SimpleNamespace(), given, without) is None
+
+
+def test_a_law_of_phases_that_explains_nothing_has_the_level_zero():
+    """Sine and cosine of two records, neither of which lowers the error."""
+    fit = linear_fit.LinearFit(None, np.zeros(4), np.ones(6), np.zeros((6, 4)))
+    answer, level = refit._with_one_level(fit, 0)
+    assert level == 0.0
+    assert np.array_equal(answer.coefficients, np.zeros(4))
+    assert np.all(np.isfinite(answer.jacobian))

@@ -52,3 +52,17 @@ def test_where_no_period_fits_in_the_lines_none_is_tried(monkeypatch):
     """Two lines over a steady turn: the finest period is half of the travel, where a spring would do it."""
     steady = part(1.0, 3, angle=np.linspace(0.0, TRAVEL, N))
     assert found(monkeypatch, replace(steady, highest_hz=2.0 / N)) is None
+
+
+def test_one_of_many_periods_does_not_stand_out(monkeypatch):
+    """A torque that depends on the position at random, the same in both records, has all periods."""
+    torque = np.random.default_rng(11).standard_normal(1400)
+    at = np.linspace(-0.55 * TRAVEL, 0.55 * TRAVEL, len(torque))
+    parts = [part(0.0, seed) for seed in (1, 2)]
+    parts = [
+        replace(one, error=one.error + rfft(np.interp(one.angle, at, torque))[one.line] * one.entry)
+        for one in parts
+    ]
+    assert found(monkeypatch, *parts) is None
+    monkeypatch.setattr(ripple, "STANDS_OUT", 0.0)
+    assert found(monkeypatch, *parts) is not None  # more than noise would have
