@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +31,8 @@ from gsid.effects.types import find
 from gsid.greybox.fit import CANNOT_FIT
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
+
+Starts = Mapping[str, PlantModel | None]  # of fits, by the effect that is added
 
 NOTEWORTHY = 1.0
 """Fall of the cost that counts as another minimum: fits that converged in the same one differ by less."""
@@ -264,26 +266,24 @@ def _try_stop(run: Run, fits: Simulations, best: Simulated) -> None:
 
 def _try_spring(run: Run, fits: Simulations) -> None:
     """A spring in place of the best law or mode, if the spring's own fit is not as good."""
-    if run.final is not None:
-        _try_linear(run, fits, {SPRING: spring_in_place_of(run.final)})
+    _try_linear(run, fits, lambda best: {SPRING: spring_in_place_of(best)})
 
 
 def _try_delay_or_lag(run: Run, fits: Simulations) -> None:
     """A delay in place of a lag that is the best law, or the reverse, if its own fit is not as good."""
-    if run.final is not None:
-        _try_linear(run, fits, in_place_of(run.final))
+    _try_linear(run, fits, in_place_of)
 
 
-def _try_linear(run: Run, fits: Simulations, starts: Mapping[str, PlantModel | None]) -> None:
+def _try_linear(run: Run, fits: Simulations, in_place: Callable[[Simulated], Starts]) -> None:
     """Linear effects in place of the best law, if their own fits are not as good."""
-    best, evidence = run.final, run.evidence()
-    as_good = {one.effects[0] for one in run.laws if not evidence.is_worse(one, best)}
-    tried = starts.keys() - run.excluded - as_good
-    if not tried or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
+    best = run.final
+    if best is None or run.in_closed_loop or best.model.has_controller or run.deadline.is_over:
         return
+    starts, evidence = in_place(best), run.evidence()
+    as_good = {one.effects[0] for one in run.laws if not evidence.is_worse(one, best)}
     # With work of its own: the law may have used up that of the round.
     fits = replace(fits, deadline=run.deadline.bounded(run.settings.moves_of_fit))
-    for effect in sorted(tried):
+    for effect in sorted(starts.keys() - run.excluded - as_good):
         _try_in_place(run, fits, starts[effect], effect, best)
     run.decide()
 
