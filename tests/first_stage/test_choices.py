@@ -563,3 +563,31 @@ def test_a_law_of_phases_that_explains_nothing_has_the_level_zero():
     assert level == 0.0
     assert np.array_equal(answer.coefficients, np.zeros(4))
     assert np.all(np.isfinite(answer.jacobian))
+
+
+@pytest.mark.parametrize(
+    ("kind", "effects", "reasons"),
+    [
+        ("none", (), ()),
+        ("named", ("coulomb_friction",), ("Beside it: coulomb_friction (named).",)),
+        ("unknown", (), ("Beside it: an unknown effect (unknown).",)),
+    ],
+)
+def test_what_is_missing_beside_a_held_sensor_is_told(kind, effects, reasons):
+    found = stage._with_hold(stage.Conclusion(kind, effects, ()))
+    assert (found.kind, found.effects, found.reasons) == ("named", ("sensor_sample_hold",), reasons)
+
+
+@pytest.mark.parametrize(("laws", "verdict"), [([], UNKNOWN), (["a fit"], NEAREST)])
+def test_a_nearest_law_of_the_draft_that_no_simulation_could_fit_is_unknown(monkeypatch, laws, verdict):
+    monkeypatch.setattr(fit_laws, "short_list", lambda *_: [])
+    monkeypatch.setattr(fit_laws, "_fit_laws", lambda *_: None)
+    run = SimpleNamespace(in_closed_loop=False, timed=lambda _: nullcontext(), null="a fit", laws=laws)
+    run.simulations = lambda: SimpleNamespace(not_tried={})
+    run.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="nearest")))
+    run.on_step, run.accept_noise = SimpleNamespace(expect=lambda _: None), lambda: None
+    run.pruned, run.settings, run.excluded, run.not_tried = None, DEFAULTS, set(), {}
+    run.decision = Decision(NEAREST, ("hard_stop",), ("It is weak.",))
+    fit_laws.confirm(run)
+    assert (run.decision.verdict, run.decision.effects) == (verdict, ("hard_stop",) * (verdict == NEAREST))
+    assert ("hard_stop is a first draft" in " ".join(run.decision.reasons)) == (verdict == UNKNOWN)
