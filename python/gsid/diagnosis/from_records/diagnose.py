@@ -10,7 +10,7 @@
 6. If a law is named, elements that may be zero are dropped, or its part of the output is subtracted and the
    linear structure is found again.
 7. With a given model: further effects, one round each; whether each is missing under both assumptions of the
-   hold. Else the likelier hold is taken.
+   hold. Else the likelier hold is taken, and a nearest law that leaves more than noise has to explain most.
 8. Values with equal weights where more than noise is left, and larger laws that are not excluded.
 """
 
@@ -41,6 +41,7 @@ from gsid.diagnosis.from_records.series_check import check_series
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.from_records.steps import BEFORE_FITS, Steps
 from gsid.diagnosis.from_records.summary import summarised
+from gsid.diagnosis.from_records.weak_nearest import doubt_nearest
 from gsid.effects.types import find
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
@@ -142,6 +143,7 @@ def diagnose_records(
                         check_series(rounds)
                     else:
                         take_likelier_hold(run)
+                        doubt_nearest(run)
                     shown = rounds.effects if rounds else [run]
                     if len(shown) == 1:
                         weigh_model_error(*shown)
