@@ -13,7 +13,7 @@ import gsid
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import fit_laws
 from gsid.diagnosis.from_records.confirm import Simulations
-from gsid.diagnosis.from_records.delay_in_place import in_place_of
+from gsid.diagnosis.from_records.delay_in_place import delay_or_lag_in_place_of
 from gsid.diagnosis.from_records.settings import DEFAULTS
 
 
@@ -28,14 +28,14 @@ DELAY = {"transport_delay": {"delay_s": 3e-4}}
 
 
 def test_the_delay_is_the_time_constant():
-    found = in_place_of(with_last(LAG, MOTOR_LAG))
+    found = delay_or_lag_in_place_of(with_last(LAG, MOTOR_LAG))
     assert {effect: one.stack() for effect, one in found.items()} == {
         "transport_delay": model(BODY, VISCOUS, LAG, {"transport_delay": {"delay_s": 7e-4}}).stack()
     }
 
 
 def test_each_lag_takes_the_time_of_the_delay():
-    found = in_place_of(with_last(DELAY))
+    found = delay_or_lag_in_place_of(with_last(DELAY))
     assert {effect: one.stack()[effect]["time_constant_s"] for effect, one in found.items()} == {
         "motor_lag": 3e-4,
         "sensor_lag": 3e-4,
@@ -44,9 +44,9 @@ def test_each_lag_takes_the_time_of_the_delay():
 
 
 def test_no_effect_is_added_twice():
-    assert in_place_of(with_last(DELAY, LAG)) == {}
-    assert in_place_of(with_last(LAG, DELAY)).keys() == {"motor_lag"}
-    assert in_place_of(with_last({"coulomb_friction": {"level": 1.0}})) == {}
+    assert delay_or_lag_in_place_of(with_last(DELAY, LAG)) == {}
+    assert delay_or_lag_in_place_of(with_last(LAG, DELAY)).keys() == {"motor_lag"}
+    assert delay_or_lag_in_place_of(with_last({"coulomb_friction": {"level": 1.0}})) == {}
 
 
 BEST = SimpleNamespace(effects=("motor_lag",), model=model(BODY, VISCOUS, MOTOR_LAG))

@@ -26,7 +26,7 @@ def test_bug_a_stop_was_nearest_to_a_hysteresis_of_which_it_explained_half():
     assert (found.verdict, found.effects, found.unexplained_share) == (UNKNOWN, (), 0.49)
     assert found.reasons == (
         "It is weak.",
-        "hard_stop leaves more than noise and explains less than 85 %: it may be another law.",
+        "More than noise is left, and hard_stop explains less than 85 % on held-out data.",
     )
 
 

@@ -12,7 +12,7 @@ from gsid.effects.ids import DELAY, LAGS
 from gsid.plant.model import PlantModel
 
 
-def in_place_of(fitted: Simulated) -> dict[str, PlantModel]:
+def delay_or_lag_in_place_of(fitted: Simulated) -> dict[str, PlantModel]:
     """The fitted model with a delay in place of its lag, or with each lag in place of its delay.
 
     Parameters
@@ -22,7 +22,7 @@ def in_place_of(fitted: Simulated) -> dict[str, PlantModel]:
     Returns
     -------
     dict of str to PlantModel
-        By effect; those that the model has already are not in it. The delay in seconds is the time constant.
+        By effect; those that the model has already are not in it. The delay is the time constant, both in s.
     """
     effect, model = fitted.effects[0], fitted.model
     if effect not in (DELAY, *LAGS):

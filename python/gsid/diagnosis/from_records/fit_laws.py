@@ -9,7 +9,7 @@ import numpy as np
 
 from gsid.base.deadline import OutOfTime
 from gsid.diagnosis.from_records.confirm import LINEAR_PART, Simulated, Simulations
-from gsid.diagnosis.from_records.delay_in_place import in_place_of
+from gsid.diagnosis.from_records.delay_in_place import delay_or_lag_in_place_of
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.larger_laws import worth_a_fit
@@ -271,7 +271,7 @@ def _try_spring(run: Run, fits: Simulations) -> None:
 
 def _try_delay_or_lag(run: Run, fits: Simulations) -> None:
     """A delay in place of a lag that is the best law, or the reverse, if its own fit is not as good."""
-    _try_linear(run, fits, in_place_of)
+    _try_linear(run, fits, delay_or_lag_in_place_of)
 
 
 def _try_linear(run: Run, fits: Simulations, in_place: Callable[[Simulated], Starts]) -> None:
@@ -281,9 +281,12 @@ def _try_linear(run: Run, fits: Simulations, in_place: Callable[[Simulated], Sta
         return
     starts, evidence = in_place(best), run.evidence()
     as_good = {one.effects[0] for one in run.laws if not evidence.is_worse(one, best)}
+    tried = sorted(starts.keys() - run.excluded - as_good)
+    if not tried:
+        return
     # With work of its own: the law may have used up that of the round.
     fits = replace(fits, deadline=run.deadline.bounded(run.settings.moves_of_fit))
-    for effect in sorted(starts.keys() - run.excluded - as_good):
+    for effect in tried:
         _try_in_place(run, fits, starts[effect], effect, best)
     run.decide()
 

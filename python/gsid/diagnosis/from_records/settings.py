@@ -141,8 +141,8 @@ class DecisionSettings:
         Least share, and largest scatter of the coefficient, of a nearest law: a law that explains less than
         half is not the main effect.
     nearest_error_share : float
-        Least share of a nearest law that leaves more than noise, from the records alone. Of eight such laws
-        in the trials of three studies seven were wrong, with shares of 0.50 to 0.80; the right one had 0.96.
+        Least share of a nearest law that leaves more than noise, from the records alone. Of eleven such
+        laws in the trials of two studies ten were wrong, with shares of 0.50 to 0.80; the right one had 0.96.
     periods_least : int
         Fewest periods of a single record for a name: its thirds have two periods each.
     clear_misfit : float

@@ -21,7 +21,6 @@ def doubt_nearest(run: Run) -> None:
         return
     if run.evidence().is_adequate(run.final) or 1 - left >= settings.nearest_error_share:
         return
-    law = " or ".join(run.decision.effects)
-    needed = f"{100 * settings.nearest_error_share:.0f} %"
-    reason = f"{law} leaves more than noise and explains less than {needed}: it may be another law."
+    law, needed = " or ".join(run.decision.effects), f"{100 * settings.nearest_error_share:.0f} %"
+    reason = f"More than noise is left, and {law} explains less than {needed} on held-out data."
     run.decision = Decision(UNKNOWN, (), (*run.decision.reasons, reason), left)
